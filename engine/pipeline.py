@@ -58,7 +58,7 @@ class PipelineSettings:
     photos, cameras, masks, plan, segment
         The packages' own settings; `plan.preset` names the training preset.
     camera_model : Path or None
-        An existing COLMAP model folder or ``transforms.json`` to read instead of estimating the cameras.
+        Cameras of another program to read instead of estimating them, see `engine.cameras.read_cameras`.
     photo_masks : Path or None
         Folder of masks that say which pixels of the photos count, see `photos.photo_masks`.
     mask_background : bool

@@ -156,7 +156,7 @@ def cameras_stage(
     photo_set : PhotoSet
     settings : CameraSettings
     camera_model : Path or None
-        Folder of a COLMAP model, or a ``transforms.json``, to read instead of estimating.
+        Cameras of another program to read instead of estimating, see `engine.cameras.read_cameras`.
     masks_beside : MasksBeside or None
         Started when cameras are estimated.
     """
@@ -213,8 +213,9 @@ def cameras_stage(
 def _hashes_of_model(model: Path | None) -> list[list[str]]:
     if model is None:
         return []
-    files = [model] if model.is_file() else sorted(path for path in model.rglob("*") if path.is_file())
-    return [[path.name, file_sha256(path)] for path in files]
+    from .cameras import files_of_model
+
+    return [[path.name, file_sha256(path)] for path in files_of_model(model)]
 
 
 def masks_stage(

@@ -64,9 +64,6 @@ TEXTS: dict[str, str] = {
     "Close the list of prompts that were not found": (
         "Die Liste der Suchwörter schließen, zu denen nichts gefunden wurde"
     ),
-    "COLMAP model or transforms.json with known cameras; empty: estimate the cameras": (
-        "COLMAP-Modell oder transforms.json mit bekannten Kameras; leer: die Kameras schätzen"
-    ),
     "Compressed to a sixth of the size, with some loss and without a record": (
         "Auf ein Sechstel der Größe verdichtet, mit etwas Verlust und ohne Herkunftsnachweis"
     ),
@@ -201,6 +198,9 @@ TEXTS: dict[str, str] = {
     ),
     "Leave the background out, for an object on a turntable before a background that stands still": (
         "Den Hintergrund weglassen: für ein Objekt auf einem Drehteller vor einem Hintergrund, der stillsteht"
+    ),
+    "Known cameras of COLMAP, nerfstudio, Metashape or RealityCapture; empty: estimate the cameras": (
+        "Bekannte Kameras von COLMAP, nerfstudio, Metashape oder RealityCapture; leer: die Kameras schätzen"
     ),
     "Leave the result in its project. Open Project shows it later": (
         "Das Ergebnis in seinem Projekt liegen lassen. „Projekt öffnen“ zeigt es später"

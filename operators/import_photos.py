@@ -77,7 +77,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         str,
         StringProperty(
             name="Cameras",
-            description="COLMAP model or transforms.json with known cameras; empty: estimate the cameras",
+            description="Known cameras of COLMAP, nerfstudio, Metashape or RealityCapture; empty: estimate the cameras",
             subtype="FILE_PATH",
             options={"SKIP_SAVE"},
         ),

@@ -204,6 +204,27 @@ def _with_another_event(data: bytes, rng: random.Random) -> bytes:
 _TEXT: tuple[Mutator, ...] = (_with_other_lines, _with_another_word, _with_other_digits)
 
 
+def _with_entities(data: bytes, rng: random.Random) -> bytes:
+    """Put a document type with entities that grow, or that name a file, before the first element."""
+    start = data.index(b"<", data.find(b"?>") + 1)
+    inner = rng.choice(
+        (b'<!ENTITY a "xxxxxxxx"><!ENTITY b "&a;&a;&a;&a;">', b'<!ENTITY b SYSTEM "file:///etc/passwd">')
+    )
+    text = re.sub(rb">([^<>]+)<", rb">&b;<", data[start:], count=rng.randrange(2))
+    return data[:start] + b"<!DOCTYPE x [" + inner + b"]>" + text
+
+
+def _with_another_element(data: bytes, rng: random.Random) -> bytes:
+    """Remove, repeat or nest an element or a part of one."""
+    tags = list(re.finditer(rb"<[^<>]*>", data))
+    one, other = sorted(rng.sample(tags, 2), key=re.Match.start)
+    inner = data[one.start() : other.end()]
+    return data[: one.start()] + rng.choice((b"", inner * 2, b"<a>" * 200 + inner)) + data[other.end() :]
+
+
+_XML: tuple[Mutator, ...] = (_with_entities, _with_another_element, _with_another_element, *_TEXT)
+
+
 def _with_other_content(data: bytes, rng: random.Random) -> bytes:
     """Damage what a gzip stream holds: mostly the 16 bytes of the header of SPZ, or its length."""
     content = bytearray(gzip.decompress(data))
@@ -239,8 +260,12 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "json": JSON,
     "jsonl": (_with_another_event, _with_another_event, _with_another_event, *_TEXT),
     "txt": _TEXT,
+    "out": _TEXT,
     "md": _TEXT,
     "pem": _TEXT,
+    "csv": _TEXT,
+    "xml": _XML,
+    "xmp": _XML,
     "npy": ARRAYS,
     "npz": ZIP,
     "zip": ZIP,

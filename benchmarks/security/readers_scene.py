@@ -159,13 +159,87 @@ def _write_transforms(folder: Path) -> None:
     (folder / "points.ply").write_text(header + "end_header\n0 0 1 9 9 9\n0 1 1 9 9 9\n")
 
 
-def _read_transforms(folder: Path) -> object:
+def _write_metashape(folder: Path) -> None:
+    cameras = "".join(
+        f'<camera id="{number}" sensor_id="0" component_id="0" label="{camera.photo}"><transform>'
+        f"{' '.join(map(str, np.linalg.inv(camera.viewmat).ravel()))}</transform></camera>"
+        for number, camera in enumerate(_cameras())
+    )
+    (folder / "cameras.xml").write_text(
+        '<?xml version="1.0" encoding="UTF-8"?><document version="1.5.0"><chunk label="1"><sensors><sensor id="0">'
+        '<resolution width="40" height="30"/><calibration class="adjusted"><f>35</f><cx>0.5</cx><k1>-0.05</k1>'
+        "<k4>0.01</k4></calibration></sensor></sensors>"
+        '<components><component id="0"><transform><rotation>1 0 0 0 1 0 0 0 1</rotation>'
+        "<translation>1 2 3</translation><scale>2</scale></transform></component></components>"
+        f"<cameras>{cameras}</cameras></chunk></document>"
+    )
+
+
+def _write_reality_csv(folder: Path) -> None:
+    rows = (
+        f"{camera.photo},0.5,1,2,10,80,{number},31.5,0.01,0,-0.05,0.01,0,0,0,0"
+        for number, camera in enumerate(_cameras())
+    )
+    header = "#name,x,y,alt,heading,pitch,roll,f,px,py,k1,k2,k3,k4,t1,t2"
+    (folder / "cameras.csv").write_text("\n".join(("#cameras 2", header, *rows)) + "\n")
+
+
+def _write_reality_xmp(folder: Path) -> None:
+    (folder / "a.xmp").write_text(
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        '<rdf:Description xmlns:xcr="http://www.capturingreality.com/ns/xcr/1.1#" xcr:DistortionModel="brown3" '
+        'xcr:FocalLength35mm="31.5" xcr:Skew="0" xcr:AspectRatio="1" xcr:PrincipalPointU="0.01">'
+        "<xcr:Rotation>1 0 0 0 1 0 0 0 1</xcr:Rotation><xcr:Position>0.5 1 2</xcr:Position>"
+        "<xcr:DistortionCoeficients>-0.05 0.01 0 0 0 0</xcr:DistortionCoeficients>"
+        "</rdf:Description></rdf:RDF></x:xmpmeta>"
+    )
+
+
+def _read_export(folder: Path) -> object:
     from engine.cameras import has_points
-    from engine.cameras.given import match_photos
-    from engine.cameras.transforms_json import read_transforms
+    from engine.cameras.exports import cameras_of, read_export
+    from engine.cameras.model_places import find_export
+    from engine.scene import match_names
 
     has_points(folder)
-    return read_transforms(folder / "transforms.json", _photo_set(folder), match_photos)[0] or None
+    photos = _photo_set(folder).photos
+    (makers,) = read_export(find_export(folder), folder, lambda: False).parts
+    return cameras_of(makers, match_names(makers, [photo.name for photo in photos]).found, photos) or None
+
+
+def _read_metashape(folder: Path) -> object:
+    """Read an export as the child process does."""
+    from engine.cameras.metashape import metashape_in_child
+
+    return metashape_in_child(str(folder / "cameras.xml"), str(folder / "arrays.npz"), "The export")
+
+
+def _read_reality_csv(folder: Path) -> object:
+    from engine.cameras.reality_capture import csv_in_child
+
+    return csv_in_child(str(folder / "cameras.csv"), str(folder / "arrays.npz"), "The export")
+
+
+def _read_reality_xmp(folder: Path) -> object:
+    from engine.cameras.reality_capture import xmp_in_child
+
+    return xmp_in_child([str(folder / "a.xmp")], str(folder / "arrays.npz"), "The export")
+
+
+def _write_bundler(folder: Path) -> None:
+    lines = ["# Bundle file v0.3", "2 2"]
+    for camera in _cameras():
+        pose = np.diag([1.0, -1.0, -1.0]) @ camera.viewmat[:3]
+        lines += ["35.0 -0.05 0.01", *(" ".join(map(str, row)) for row in (*pose[:, :3], pose[:, 3]))]
+    lines += ["0 0 2", "10 20 30", "2 0 0 1.5 2.5 1 0 1.5 2.5", "0.5 0 2", "10 20 30", "1 1 1 1.5 2.5"]
+    (folder / "bundle.out").write_text("\n".join(lines) + "\n")
+    (folder / "list.txt").write_text("a.jpg\nhall/b.jpg 0 35.0\n")
+
+
+def _read_bundler(folder: Path) -> object:
+    from engine.cameras.bundler import bundler_in_child
+
+    return bundler_in_child(str(folder / "bundle.out"), str(folder / "arrays.npz"), "The export")
 
 
 def _read_given(folder: Path) -> object:
@@ -381,7 +455,11 @@ SCENE: tuple[Reader, ...] = (
     Reader("cameras", _write_cameras, _read_cameras, ("cameras/cameras.json", "cameras/points.npz"), share=2.0),
     Reader("cameras-in-blender", _write_cameras, _show_cameras, ("cameras/cameras.json", "cameras/points.npz")),
     Reader("camera", _write_camera, _read_camera, ("camera.json",)),
-    Reader("transforms", _write_transforms, _read_transforms, ("transforms.json",)),
+    Reader("transforms", _write_transforms, _read_export, ("transforms.json",)),
+    Reader("metashape", _write_metashape, _read_metashape, ("cameras.xml",)),
+    Reader("bundler", _write_bundler, _read_bundler, ("bundle.out", "list.txt")),
+    Reader("reality-capture-csv", _write_reality_csv, _read_reality_csv, ("cameras.csv",)),
+    Reader("reality-capture-xmp", _write_reality_xmp, _read_reality_xmp, ("a.xmp",)),
     Reader("transforms-with-cloud", _write_transforms, _read_given, ("transforms.json", "points.ply"), share=3.0),
     Reader("colmap-lengths", _write_model, _require_whole, tuple(f"{name}.bin" for name in _MODEL)),
     Reader("colmap-binary", _write_model, _read_given, tuple(f"{name}.bin" for name in _MODEL), share=6.0),

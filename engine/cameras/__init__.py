@@ -9,6 +9,7 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .features import SfmWorkspace, match_features
     from .given import has_points, read_cameras
+    from .model_places import files_of_model
     from .normalise import normalised_points, normalised_viewmat, original_from_world
     from .sfm import estimate_cameras
     from .undistortion import (
@@ -27,6 +28,7 @@ __all__ = [
     "covering_pinhole",
     "distort",
     "estimate_cameras",
+    "files_of_model",
     "has_points",
     "is_point_visible",
     "match_features",

@@ -1,35 +1,37 @@
-"""Camera poses supplied by the user: a COLMAP model, or a ``transforms.json`` of nerfstudio or instant-ngp.
+"""Camera poses supplied by the user: a COLMAP model, or what other programs export.
 
-Conventions at input: COLMAP poses are world-to-camera with x right, y down, z forward; those of ``transforms.json`` are
-converted in `transforms_json`. Units and world axes of the model are arbitrary and are normalised.
+Conventions at input: COLMAP poses are world-to-camera with x right, y down, z forward; those of other programs are
+converted where they are read. Units and world axes of the model are arbitrary and are normalised.
 """
 
 from __future__ import annotations
 
 import logging
+import os
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
-from ..errors import CameraError, FormatError
-from ..events import Emit, StopCheck, ignore_events, never_stop
-from ..scene import Camera, CameraSet, Photo, PhotoSet, camera_problem
-from .colmap import pycolmap
-from .model_reading import SparsePoints, read_cloud, read_model
-from .reconstruction import camera_in_photo, camera_set, is_scaled
+from ..errors import CameraError, FormatError, HeritageError
+from ..events import Emit, StopCheck, Warned, ignore_events, never_stop
+from ..scene import Camera, CameraSet, NameMatches, Photo, PhotoSet, camera_problem, match_names
+from .exports import cameras_of, read_export
+from .joining import Part, joined_parts
+from .match_evidence import orientations_by_matches
+from .model_places import ModelPlace, find_export, find_models
+from .model_reading import ModelImage, SparsePoints, read_cloud, read_model
+from .orientation import GivenCamera, choose_orientations, upright_cameras
+from .reconstruction import camera_set
 from .settings import CameraSettings
-from .transforms_json import read_transforms, read_transforms_json
+from .transforms_json import read_transforms_json
 from .triangulation import triangulate
+from .turning import ORIENTATIONS
 from .undistortion import require_valid_lens
 
-__all__ = ["has_points", "match_photos", "read_cameras"]
-
-Key = TypeVar("Key")
-Value = TypeVar("Value")
+__all__ = ["has_points", "read_cameras"]
 
 _LOG = logging.getLogger(__name__)
-_MODEL_FILES = ("cameras.bin", "cameras.txt")
 
 
 def read_cameras(
@@ -46,28 +48,29 @@ def read_cameras(
     Parameters
     ----------
     model : Path
-        Folder of a COLMAP model (``cameras``, ``images``, ``points3D`` as ``.bin`` or ``.txt``, in this folder,
-        ``sparse/0``, ``sparse`` or ``0``), a ``transforms.json``, or a folder with one.
+        Folder of a COLMAP model (``cameras``, ``images``, ``points3D`` as ``.bin`` or ``.txt``) or of a project with
+        one in a usual place (`model_places.find_models`); or a file or folder that `model_places.find_export` knows.
     photo_set : PhotoSet
-        Photos of the model, identified by `match_photos`.
+        Photos of the model, identified by `engine.scene.match_names`.
     settings : CameraSettings, optional
         Settings of the matching that a model without points requires.
     folder : Path, optional
         Work folder for this matching; by default a temporary one.
     emit : Emit
-        Used only for this matching.
+        Receives a `Warned` when the model has several parts, and the progress of this matching.
     should_stop : StopCheck
 
     Returns
     -------
     CameraSet
-        ``original_from_world`` maps to the frame of the model in the file, which may be georeferenced. Cameras of a
-        COLMAP model of resized copies are scaled to the photos.
+        ``original_from_world`` maps to the frame of the model in the file, which may be georeferenced. Cameras of
+        resized, turned or mirrored copies are those of the photos (`orientation`).
 
     Raises
     ------
     CameraError
-        When the model is missing or cannot be read, or when its pictures are not the photos or are rotated differently.
+        When the model is missing or cannot be read, when its pictures are not the photos, when a name may mean several
+        photos, or when it cannot be found out which way pictures were turned.
     FormatError
         When a file of the model cannot be opened, or ``transforms.json`` is not what its format demands.
     Cancelled
@@ -75,18 +78,27 @@ def read_cameras(
 
     Notes
     -----
-    ``applied_transform`` and ``applied_scale`` of nerfstudio are ignored: the original frame is that of the poses in
-    the file. When a model has no points, points are triangulated from matched features with the given poses fixed.
+    Of several places with models, the one that fits the most photos is used. ``applied_transform`` and
+    ``applied_scale`` of nerfstudio are ignored: the original frame is that of the poses in the file. When a model has
+    no points, points are triangulated from matched features with the given poses fixed.
     """
-    colmap = _colmap_folder(model)
-    if colmap is not None:
-        cameras, points = _from_colmap(colmap, photo_set, should_stop)
+    settings = settings or CameraSettings()
+    places = find_models(model)
+    if places:
+        given, points = _from_models(model, places, photo_set, emit, should_stop)
     else:
-        cameras, cloud = read_transforms(_transforms_file(model), photo_set, match_photos)
-        points = SparsePoints.none() if cloud is None else read_cloud(cloud, should_stop)
-    _require_usable_cameras(cameras, model)
-    if len(points.positions) == 0 and len(cameras) >= 2:
-        points = _triangulated(cameras, photo_set, settings or CameraSettings(), folder, emit, should_stop)
+        given, points = _from_export(model, photo_set, emit, should_stop)
+    choice = choose_orientations(given, points, photo_set.folder, model, should_stop)
+    with _work_folder(folder) as work:
+        chosen = choice.chosen
+        if choice.open:
+            chosen = orientations_by_matches(
+                given, choice, model, photo_set, settings, Path(work), emit=emit, should_stop=should_stop
+            )
+        cameras, points = upright_cameras(given, chosen, points, model)
+        _require_usable_cameras(cameras, model)
+        if len(points.positions) == 0 and len(cameras) >= 2:
+            points = _triangulated(cameras, photo_set, settings, Path(work), emit, should_stop)
     return camera_set(
         cameras,
         (photo.name for photo in photo_set.photos),
@@ -105,108 +117,168 @@ def has_points(model: Path) -> bool:
     CameraError
         When the model is missing.
     """
-    if _colmap_folder(model) is not None:
+    if find_models(model):
         return True
+    export = find_export(model)
+    if export.kind != "transforms":
+        return export.kind == "bundler"
     try:
-        return bool(read_transforms_json(_transforms_file(model)).get("ply_file_path"))
+        return bool(read_transforms_json(export.files[0]).get("ply_file_path"))
     except FormatError:
         return False  # `read_cameras` reports the error.
 
 
-def match_photos(names: Iterable[str], photo_set: PhotoSet) -> dict[str, Photo]:
-    """Return the photo of each picture name of a model: equal relative names first, then equal unique file names.
+def _work_folder(folder: Path | None) -> tempfile.TemporaryDirectory[str] | _KeptFolder:
+    return tempfile.TemporaryDirectory(prefix="gaussian-heritage-") if folder is None else _KeptFolder(folder)
 
-    Names without an extension, as in the NeRF synthetic scenes, match a photo's name without its extension. A photo is
-    assigned to one picture only, the one that matches better.
-    """
-    names = [name.replace("\\", "/").removeprefix("./") for name in names]
-    steps = (
-        (lambda name: name, lambda name: name),
-        (lambda name: name, lambda name: _without_suffix(name)),
-        (lambda name: name.rsplit("/", 1)[-1], lambda name: name.rsplit("/", 1)[-1]),
-        (lambda name: name.rsplit("/", 1)[-1], lambda name: _without_suffix(name.rsplit("/", 1)[-1])),
+
+class _KeptFolder:
+    """A folder as a context that stays."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __enter__(self) -> str:
+        return os.fspath(self._folder)
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def _from_export(
+    model: Path, photo_set: PhotoSet, emit: Emit, should_stop: StopCheck
+) -> tuple[list[GivenCamera], SparsePoints]:
+    read = read_export(find_export(model), model, should_stop)
+    parts: list[Part] = []
+    names: list[str] = []
+    all_matches: list[NameMatches] = []
+    for label, makers in zip(read.labels, read.parts, strict=True):
+        matches = _matched(list(makers), photo_set)
+        names += makers
+        all_matches.append(matches)
+        parts.append(Part(label, cameras_of(makers, matches.found, photo_set.photos), read.points))
+    for matches in all_matches:
+        _require_unambiguous(matches, model)
+    parts = [part for part in parts if part.cameras]
+    if not parts:
+        raise _none_matches(names, photo_set, model)
+    whole, message = joined_parts(parts, model)
+    if message:
+        emit(Warned(message))
+    return whole.cameras, whole.points if read.cloud is None else read_cloud(read.cloud, should_stop)
+
+
+@dataclass(frozen=True)
+class _ReadPlace:
+    """The sub-models of a place, with the cameras of photos, and the names of their pictures with what they matched."""
+
+    parts: list[Part]
+    names: list[str]
+    matches: list[NameMatches]
+    problems: list[HeritageError]
+
+    def fitting(self) -> int:
+        """Return the number of photos that a camera fits by its size."""
+        cameras = (camera for part in self.parts for camera in part.cameras)
+        return len({camera.photo.name for camera in cameras if any(map(camera.fits, ORIENTATIONS))})
+
+    def photos(self) -> int:
+        """Return the number of photos with a camera."""
+        return len({camera.photo.name for part in self.parts for camera in part.cameras})
+
+
+def _from_models(
+    model: Path, places: Sequence[ModelPlace], photo_set: PhotoSet, emit: Emit, should_stop: StopCheck
+) -> tuple[list[GivenCamera], SparsePoints]:
+    """Return the cameras and points of the place that fits the photos best."""
+    read = [_read_place(place, model, photo_set, should_stop) for place in places]
+    inside = [int(_is_inside(photo_set.folder, place.base)) for place in places]
+    # The first of equals: `max` keeps it.
+    best = max(range(len(read)), key=lambda index: (read[index].fitting(), inside[index], read[index].photos()))
+    chosen = read[best]
+    parts = [part for part in chosen.parts if part.cameras]
+    if not parts and (problem := next((one for place in read for one in place.problems), None)) is not None:
+        raise problem
+    for matches in chosen.matches:
+        _require_unambiguous(matches, model)
+    if not parts:
+        raise _none_matches(chosen.names, photo_set, model)
+    for problem in chosen.problems:
+        emit(Warned(f"A part of the model in {model} is not used. {problem}"))
+    whole, message = joined_parts(parts, model)
+    if message:
+        emit(Warned(message))
+    return whole.cameras, whole.points
+
+
+def _read_place(place: ModelPlace, model: Path, photo_set: PhotoSet, should_stop: StopCheck) -> _ReadPlace:
+    read = _ReadPlace([], [], [], [])
+    for folder in place.parts:
+        try:
+            images, points = read_model(folder, should_stop)
+        except (CameraError, FormatError) as problem:
+            read.problems.append(problem)
+            continue
+        names = [image.name for image in images]
+        matches = _matched(names, photo_set)
+        read.names.extend(names)
+        read.matches.append(matches)
+        read.parts.append(Part(folder.relative_to(model).as_posix(), _given(images, matches, photo_set), points))
+    return read
+
+
+def _given(images: Sequence[ModelImage], matches: NameMatches, photo_set: PhotoSet) -> list[GivenCamera]:
+    photos = {photo.name: photo for photo in photo_set.photos}
+    by_name = {image.name: image for image in images}
+    return [_given_camera(by_name[name], photos[photo]) for name, photo in matches.found.items()]
+
+
+def _given_camera(image: ModelImage, photo: Photo) -> GivenCamera:
+    lens = image.lens
+    return GivenCamera(photo, image.name, image.viewmat, lambda *_: lens, (lens.width, lens.height), image.seen)
+
+
+def _is_inside(folder: Path, base: Path) -> bool:
+    try:
+        return folder.resolve().is_relative_to(base.resolve())
+    except OSError:
+        return False
+
+
+def _matched(names: Sequence[str], photo_set: PhotoSet) -> NameMatches:
+    return match_names(names, [photo.name for photo in photo_set.photos])
+
+
+def _require_unambiguous(matches: NameMatches, model: Path) -> None:
+    if problem := matches.ambiguity():
+        raise CameraError(
+            f"The names of pictures in {model} do not say which photos they are: {problem}. Keep the folders that the "
+            "pictures had when they were placed, or rename the photos."
+        )
+
+
+def _none_matches(names: Sequence[str], photo_set: PhotoSet, model: Path) -> CameraError:
+    """Return the error for a model of which no picture is one of the photos."""
+    if not names:
+        return CameraError(f"{model} has no placed pictures. Choose another model, or let the cameras be estimated.")
+    return CameraError(
+        f"None of the pictures in {model} is among the photos: it has, for example, {min(names)}, the photo folder "
+        f"{min(photo.name for photo in photo_set.photos)}. Choose the photo folder the model was made from."
     )
-    found: dict[str, Photo] = {}
-    for of_picture, of_photo in steps:
-        assigned = {photo.name for photo in found.values()}
-        pictures = _unique((of_picture(name), name) for name in names if name not in found)
-        photos = _unique((of_photo(photo.name), photo) for photo in photo_set.photos if photo.name not in assigned)
-        for key, name in pictures.items():
-            if key in photos:
-                found[name] = photos[key]
-    return found
 
 
-def _without_suffix(name: str) -> str:
-    head, dot, tail = name.rpartition(".")
-    return head if dot and "/" not in tail else name
-
-
-def _unique(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, Value]:
-    """Return the pairs whose key occurs only once."""
-    found: dict[Key, Value] = {}
-    repeated: set[Key] = set()
-    for key, value in pairs:
-        if key in found:
-            repeated.add(key)
-        found[key] = value
-    return {key: value for key, value in found.items() if key not in repeated}
-
-
-def _colmap_folder(model: Path) -> Path | None:
-    for candidate in (model, model / "sparse" / "0", model / "sparse", model / "0"):
-        if any((candidate / name).is_file() for name in _MODEL_FILES):
-            return candidate
-    return None
-
-
-def _transforms_file(model: Path) -> Path:
-    for candidate in (model, model / "transforms.json"):
-        if candidate.is_file():
-            return candidate
-    if not model.exists():
-        raise CameraError(f"The camera model {model} does not exist. Choose a COLMAP model folder or transforms.json.")
-    raise CameraError(
-        f"{model} contains no camera model. Choose a COLMAP model folder (cameras.bin, images.bin, points3D.bin) or a "
-        "transforms.json."
-    )
-
-
-def _from_colmap(folder: Path, photo_set: PhotoSet, should_stop: StopCheck) -> tuple[list[Camera], SparsePoints]:
-    found, points = read_model(folder, should_stop)
-    images = {image.name.replace("\\", "/").removeprefix("./"): image for image in found}
-    matched = match_photos(images, photo_set)
-    ignored = sorted(set(images) - set(matched))
-    if ignored:
-        _LOG.info("%d pictures of %s are not among the photos: %s", len(ignored), folder, ", ".join(ignored))
-    cameras = []
-    for name, photo in matched.items():
-        model, width, height, params = images[name].lens
-        _require_same_frame(photo, width, height, folder)
-        lens = pycolmap.Camera(model=model, width=width, height=height, params=list(params))
-        cameras.append(camera_in_photo(photo.name, lens, photo.width, photo.height, images[name].viewmat))
-    return cameras, points
-
-
-def _require_same_frame(photo: Photo, width: int, height: int, model: Path) -> None:
-    """Raise `CameraError` when the picture of a camera cannot be the photo at another size."""
-    if is_scaled((width, height), (photo.width, photo.height)):
-        return
-    if (width > height) != (photo.width > photo.height):
-        advice = "it was made without EXIF rotation. Rotate the photos themselves, or let the cameras be estimated."
-    else:
-        advice = "it was made from cropped or other pictures. Choose those pictures as the photo folder."
-    raise CameraError(
-        f"The camera of {photo.name} in {model} is for {width} x {height} pixels, the photo has "
-        f"{photo.width} x {photo.height}: {advice}"
-    )
+def _triangulated(
+    cameras: list[Camera],
+    photo_set: PhotoSet,
+    settings: CameraSettings,
+    folder: Path,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> SparsePoints:
+    return SparsePoints(*triangulate(cameras, photo_set, folder, settings, emit=emit, should_stop=should_stop))
 
 
 def _require_usable_cameras(cameras: list[Camera], model: Path) -> None:
-    if not cameras:
-        raise CameraError(
-            f"None of the pictures in {model} is among the photos. Choose the photo folder the model was made from."
-        )
     for camera in cameras:
         require_valid_lens(camera.lens)
         if problem := camera_problem(camera):
@@ -214,17 +286,3 @@ def _require_usable_cameras(cameras: list[Camera], model: Path) -> None:
                 f"The camera of {camera.photo} in {model} cannot be used, because {problem}. Correct it, or let the "
                 "cameras be estimated."
             )
-
-
-def _triangulated(
-    cameras: list[Camera],
-    photo_set: PhotoSet,
-    settings: CameraSettings,
-    folder: Path | None,
-    emit: Emit,
-    should_stop: StopCheck,
-) -> SparsePoints:
-    if folder is not None:
-        return SparsePoints(*triangulate(cameras, photo_set, folder, settings, emit=emit, should_stop=should_stop))
-    with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as temporary:
-        return _triangulated(cameras, photo_set, settings, Path(temporary), emit, should_stop)

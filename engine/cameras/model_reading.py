@@ -8,7 +8,7 @@ import logging
 import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,16 @@ from .colmap import pycolmap
 from .model_files import require_whole_files
 from .reconstruction import points_of, viewmat_of
 
-__all__ = ["ModelImage", "SparsePoints", "cloud_in_child", "model_in_child", "read_cloud", "read_model"]
+__all__ = [
+    "ModelImage",
+    "SparsePoints",
+    "cloud_in_child",
+    "in_child",
+    "model_in_child",
+    "read_cloud",
+    "read_model",
+    "write_model_arrays",
+]
 
 _LOG = logging.getLogger(__name__)
 _ADVICE = "Copy it again from where it was made, or let the cameras be estimated."
@@ -46,15 +55,29 @@ _FAILURES = {
 _QUATERNION_ERROR, _EXACT_QUATERNION_ERROR = 1e-2, 1e-6
 """Errors of a quaternion's length above which its file is damaged, and above which it is normalised."""
 _MAX_HEADER_LINES = 1000
+_MAX_SHOWN = 400
+"""Points of a picture by which its orientation is found."""
 
 
 @dataclass(frozen=True)
 class ModelImage:
-    """A registered picture of a model: lens in its own pixels, and world-to-camera matrix [4, 4]."""
+    """A registered picture of a model.
+
+    Attributes
+    ----------
+    name : str
+    lens : Lens
+        In the picture's own pixels.
+    viewmat : array of shape [4, 4], float64
+        World-to-camera.
+    seen : int array of shape [S]
+        Indices of some of the points that it shows; empty when the model does not say it.
+    """
 
     name: str
     lens: Lens
     viewmat: NDArray[np.float64]
+    seen: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -90,14 +113,16 @@ def read_model(folder: Path, should_stop: StopCheck) -> tuple[list[ModelImage], 
         When `should_stop` returned True.
     """
     files = [folder / f"{name}{suffix}" for name in _MODEL_NAMES for suffix in (".bin", ".txt")]
-    answer, arrays = _in_child("model_in_child", folder, files, f"The COLMAP model in {folder}", should_stop)
+    answer, arrays = in_child(
+        "cameras.model_reading:model_in_child", folder, files, f"The COLMAP model in {folder}", should_stop
+    )
     lenses = {
         int(key): Lens(model, width, height, tuple(params))
         for key, (model, width, height, params) in answer["lenses"].items()
     }
     images = [
-        ModelImage(name, lenses[lens], viewmat)
-        for (name, lens), viewmat in zip(answer["images"], arrays["viewmats"], strict=True)
+        ModelImage(name, lenses[lens], viewmat, arrays["seen"][start : start + count])
+        for (name, lens, start, count), viewmat in zip(answer["images"], arrays["viewmats"], strict=True)
     ]
     error = math.nan if answer["error"] is None else answer["error"]
     return images, SparsePoints(arrays["points"], arrays["colors"], error)
@@ -106,25 +131,58 @@ def read_model(folder: Path, should_stop: StopCheck) -> tuple[list[ModelImage], 
 def read_cloud(file: Path, should_stop: StopCheck) -> SparsePoints:
     """Return the points of a PLY file; raises as `read_model` does."""
     what = f"The point cloud {file} that belongs to the cameras"
-    _, arrays = _in_child("cloud_in_child", file, [file], what, should_stop)
+    _, arrays = in_child("cameras.model_reading:cloud_in_child", file, [file], what, should_stop)
     return SparsePoints(arrays["points"], arrays["colors"], math.nan)
 
 
 _ARRAYS = {"points": ArraySpec("float64", ("p", 3), finite=True), "colors": ArraySpec("uint8", ("p", 3))}
-_VIEWMATS = {"viewmats": ArraySpec("float64", ("i", 4, 4), finite=True)}
+_OF_IMAGES = {"viewmats": ArraySpec("float64", ("i", 4, 4), finite=True), "seen": ArraySpec("int64", ("s",))}
 
 
-def _in_child(
-    function: str, source: Path, files: list[Path], what: str, should_stop: StopCheck
+def in_child(
+    function: str,
+    source: Path | Sequence[Path],
+    files: Sequence[Path],
+    what: str,
+    should_stop: StopCheck,
+    *,
+    memory_per_byte: int = _MEMORY_PER_BYTE,
 ) -> tuple[Any, dict[str, NDArray[Any]]]:
+    """Return the answer of a reader in a child process, and the arrays that it wrote.
+
+    Parameters
+    ----------
+    function : str
+        ``module:name`` below the engine's package, of a function with the arguments ``source``, ``target`` (the file
+        for the arrays) and ``what``.
+    source : Path or sequence of Path
+        What the function reads.
+    files : sequence of Path
+        The files that it reads, which bound its memory and time.
+    what : str
+        A description for messages that begins with a capital letter.
+    should_stop : StopCheck
+    memory_per_byte : int
+        Memory for each byte of the files.
+
+    Raises
+    ------
+    CameraError
+        When the files are damaged or take more memory or time than files of their size can need.
+    FormatError
+        When a file cannot be opened.
+    Cancelled
+        When `should_stop` returned True.
+    """
+    paths = [os.fspath(path.absolute()) for path in ([source] if isinstance(source, Path) else source)]
     n_bytes = sum(file.stat().st_size for file in files if file.is_file())
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:
         target = Path(folder, "arrays.npz")
         try:
             answer = run_in_child(
-                f"cameras.model_reading:{function}",
-                {"source": os.fspath(source.absolute()), "target": os.fspath(target), "what": what},
-                max_memory=_SMALLEST_MEMORY + _MEMORY_PER_BYTE * n_bytes,
+                function,
+                {"source": paths[0] if isinstance(source, Path) else paths, "target": os.fspath(target), "what": what},
+                max_memory=_SMALLEST_MEMORY + memory_per_byte * n_bytes,
                 max_seconds=_SMALLEST_SECONDS + n_bytes / _BYTES_PER_SECOND,
                 what=f"reading {what[0].lower()}{what[1:]}",
                 should_stop=should_stop,
@@ -132,7 +190,7 @@ def _in_child(
         except ChildFailure as error:
             _LOG.error("%s", error)
             raise _unreadable(what, _FAILURES[error.reason]) from error
-        return answer, read_arrays(target, _ARRAYS, optional=_VIEWMATS, advice="Run the command again.")
+        return answer, read_arrays(target, _ARRAYS, optional=_OF_IMAGES, advice="Run the command again.")
 
 
 def _unreadable(what: str, why: str) -> CameraError:
@@ -157,7 +215,12 @@ def _converted(source: str, target: Path) -> dict[str, Any]:
         if problem := _lens_problem(lenses[image.camera_id]):
             raise ValueError(f"the camera of {image.name} {problem}")
     points, colors = points_of(model)
-    _write(target, points, colors, viewmats)
+    names = _names_of_text_model(Path(source))
+    shown = _shown_points(model, images, len(points))
+    write_model_arrays(
+        target, points, colors, {"viewmats": viewmats, "seen": np.concatenate([*shown, np.zeros(0, np.int64)])}
+    )
+    starts = np.cumsum([0, *map(len, shown)])
     # A text model may state -1 for errors that were not computed.
     error = model.compute_mean_reprojection_error() if len(points) else math.nan
     return {
@@ -165,9 +228,46 @@ def _converted(source: str, target: Path) -> dict[str, Any]:
             key: (lens.model_name, lens.width, lens.height, [float(value) for value in lens.params])
             for key, lens in lenses.items()
         },
-        "images": [(image.name, image.camera_id) for image in images],
+        "images": [
+            (names.get(image.image_id, image.name), image.camera_id, int(start), len(one))
+            for image, start, one in zip(images, starts, shown, strict=False)
+        ],
         "error": error if math.isfinite(error) else None,
     }
+
+
+def _names_of_text_model(folder: Path) -> dict[int, str]:
+    """Return the pictures' names of a text model by their ids: COLMAP cuts names at a blank. Empty for a binary one."""
+    file = folder / "images.txt"
+    if (folder / "images.bin").exists() or not file.exists():
+        return {}
+    names = {}
+    with opened(file, advice=_ADVICE) as stream:
+        lines = (line for line in stream if not line.startswith(b"#"))
+        for line in lines:
+            if line.strip():
+                head = line.split(None, 9)
+                if len(head) == 10:
+                    names[int(head[0])] = head[9].rstrip(b"\r\n").decode()
+                next(lines, None)  # the picture's features
+    return names
+
+
+def _shown_points(model: pycolmap.Reconstruction, images: list[pycolmap.Image], count: int) -> list[NDArray[np.int64]]:
+    """Return, for each picture, rows of `points_of` that it shows, at most `_MAX_SHOWN`."""
+    if not any(image.num_points3D for image in images):
+        return [np.zeros(0, np.int64) for _ in images]
+    row_of = {point_id: row for row, point_id in enumerate(sorted(model.point3D_ids()))}
+    # A point that is not finite is in no row, and no row is known then.
+    if len(row_of) != count:
+        return [np.zeros(0, np.int64) for _ in images]
+    shown = []
+    for image in images:
+        features = image.get_observation_point2D_idxs()
+        step = max(1, len(features) // _MAX_SHOWN)
+        rows = [row_of[image.point2D(feature).point3D_id] for feature in features[::step]]
+        shown.append(np.array(rows, np.int64))
+    return shown
 
 
 def cloud_in_child(source: str, target: str, what: str) -> None:
@@ -179,7 +279,7 @@ def cloud_in_child(source: str, target: str, what: str) -> None:
         stated, found = _stated_points(Path(source)), cloud.num_points3D()
         if stated != found:
             raise ValueError(f"it states {stated:,} points and has {found:,}")
-        _write(Path(target), *points_of(cloud))
+        write_model_arrays(Path(target), *points_of(cloud))
 
     _translated(what, convert)
 
@@ -207,16 +307,17 @@ def _reason(error: Exception) -> str:
     return "a check of COLMAP failed" if "Check failed" in line or "::" in line else line.rstrip(".")
 
 
-def _write(
+def write_model_arrays(
     target: Path,
     points: NDArray[np.float64],
     colors: NDArray[np.uint8],
-    viewmats: NDArray[np.float64] | None = None,
+    of_images: dict[str, NDArray[Any]] | None = None,
 ) -> None:
+    """Write what `in_child` reads: points [P, 3] and colours [P, 3], without those too far away, and other arrays."""
     usable = (np.abs(points) <= MAX_COORDINATE).all(axis=1)
-    arrays: dict[str, Any] = {"points": points[usable], "colors": colors[usable]}
-    if viewmats is not None:
-        arrays["viewmats"] = viewmats
+    arrays: dict[str, Any] = {"points": points[usable], "colors": colors[usable], **(of_images or {})}
+    if "seen" in arrays and not usable.all():
+        arrays["seen"] = np.zeros(0, np.int64)
     with atomic_write(target) as stream:
         np.savez(stream, **arrays)
 

@@ -7,18 +7,18 @@ world-to-camera matrices with x right, y down, z forward; the world frame and it
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import CameraError, FormatError
 from ..files import optional, path_within, read_json
-from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, Camera, Photo, PhotoSet
-from .reconstruction import is_scaled
+from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens, Photo
+from .orientation import GivenCamera
 
-__all__ = ["read_transforms", "read_transforms_json"]
+__all__ = ["frame_camera", "read_transforms", "read_transforms_json"]
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _FISHEYE = ("OPENCV_FISHEYE", "FISHEYE")
@@ -52,36 +52,37 @@ def read_transforms_json(file: Path) -> dict[str, Any]:
     return data
 
 
-def read_transforms(
-    file: Path, photo_set: PhotoSet, match: Callable[[Iterable[str], PhotoSet], dict[str, Photo]]
-) -> tuple[list[Camera], Path | None]:
-    """Return the cameras in the frame of `file`, and the path of its point cloud, None without an existing one.
+def read_transforms(file: Path) -> tuple[dict[str, dict[str, Any]], Path | None]:
+    """Return the values of each frame by the name of its picture, and the point cloud, None without an existing one.
 
     Parameters
     ----------
     file : Path
         Its lens values (``fl_x``, ``fl_y`` or ``camera_angle_x`` in radians, ``cx``, ``cy``, ``w``, ``h``, ``k1`` to
         ``k4``, ``p1``, ``p2``) may be given for all frames or for each frame.
-    photo_set : PhotoSet
-    match : callable
-        Returns the photo of each file path, see `given.match_photos`.
 
     Raises
     ------
     CameraError
-        When a frame is invalid, or the path of the point cloud leads out of the folder of `file`.
+        When the path of the point cloud leads out of the folder of `file`.
     FormatError
         When the file cannot be read, see `read_transforms_json`.
     """
     data = read_transforms_json(file)
-    frames = {frame["file_path"].replace("\\", "/").removeprefix("./"): frame for frame in data["frames"]}
-    cameras = []
-    for name, photo in match(frames, photo_set).items():
-        try:
-            cameras.append(_camera({**data, **frames[name]}, photo))
-        except (ValueError, np.linalg.LinAlgError) as error:
-            raise CameraError(f"The frame {name} in {file} is not a camera: {error}.") from error
-    return cameras, _cloud_file(file, data.get("ply_file_path"))
+    frames = {frame["file_path"]: {**data, **frame} for frame in data["frames"]}
+    return frames, _cloud_file(file, data.get("ply_file_path"))
+
+
+def frame_camera(values: dict[str, Any], name: str, photo: Photo, file: Path) -> GivenCamera:
+    """Return the camera of the frame `name` with these values; raises `CameraError` when it is not one."""
+    try:
+        size = _size(values)
+        # Checked now, so that the message names the frame.
+        _lens(values, *(size or (photo.width, photo.height)))
+        viewmat = _viewmat(values["transform_matrix"])
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise CameraError(f"The frame {name} in {file} is not a camera: {error}.") from error
+    return GivenCamera(photo, name, viewmat, lambda w, h: _lens(values, w, h), size, np.zeros(0, np.int64))
 
 
 def _cloud_file(file: Path, name: str | None) -> Path | None:
@@ -97,8 +98,7 @@ def _cloud_file(file: Path, name: str | None) -> Path | None:
     return cloud if cloud.is_file() else None
 
 
-def _camera(values: dict[str, Any], photo: Photo) -> Camera:
-    rows = values["transform_matrix"]
+def _viewmat(rows: list[list[float]]) -> NDArray[np.float64]:
     # instant-ngp writes 4 rows, others leave out the last one.
     if len(rows) not in (3, 4) or any(len(row) != 4 or max(map(abs, row)) > MAX_COORDINATE for row in rows):
         raise ValueError("`transform_matrix` must be 4 rows of 4 finite numbers")
@@ -114,21 +114,23 @@ def _camera(values: dict[str, Any], photo: Photo) -> Camera:
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotation.T
     viewmat[:3, 3] = -rotation.T @ center
-    model, params = _lens(values, photo)
-    return Camera(photo.name, photo.width, photo.height, model, params, viewmat)
+    return viewmat
 
 
-def _lens(values: dict[str, Any], photo: Photo) -> tuple[str, tuple[float, ...]]:
-    """Return COLMAP's model name and parameters in the photo's pixels."""
-    width, height = float(values.get("w", photo.width)), float(values.get("h", photo.height))
-    if not (width >= 1.0 and height >= 1.0):
+def _size(values: dict[str, Any]) -> tuple[int, int] | None:
+    """Return width and height of a frame's picture; None when it does not say them."""
+    if ("w" in values) != ("h" in values):
+        raise ValueError("it has only one of `w` and `h`")
+    if "w" not in values:
+        return None
+    width, height = float(values["w"]), float(values["h"])
+    if not (1.0 <= width <= MAX_PHOTO_SIDE and 1.0 <= height <= MAX_PHOTO_SIDE):
         raise ValueError(f"its picture cannot have {width:g} x {height:g} pixels")
-    if not is_scaled((width, height), (photo.width, photo.height)):
-        raise ValueError(
-            f"its picture has {width:g} x {height:g} pixels, the photo {photo.width} x {photo.height}: it was made "
-            "from rotated, cropped or other pictures"
-        )
-    sx, sy = photo.width / width, photo.height / height
+    return round(width), round(height)
+
+
+def _lens(values: dict[str, Any], width: int, height: int) -> Lens:
+    """Return the lens of a picture of this size."""
     if "fl_x" in values:
         fx = float(values["fl_x"])
     elif "camera_angle_x" in values:
@@ -142,21 +144,21 @@ def _lens(values: dict[str, Any], photo: Photo) -> tuple[str, tuple[float, ...]]
     else:
         fy = fx
     k1, k2, k3, k4, p1, p2 = distortion = [float(values.get(key, 0.0)) for key in ("k1", "k2", "k3", "k4", "p1", "p2")]
-    pinhole = (fx * sx, fy * sy, float(values.get("cx", 0.5 * width)) * sx, float(values.get("cy", 0.5 * height)) * sy)
+    pinhole = (fx, fy, float(values.get("cx", 0.5 * width)), float(values.get("cy", 0.5 * height)))
     if not (fx > 0.0 and fy > 0.0 and all(abs(value) <= MAX_LENS_PARAMETER for value in (*pinhole, *distortion))):
         raise ValueError("its focal lengths must be positive and all lens values finite")
     model = str(values.get("camera_model", "OPENCV")).upper()
     if model in _FISHEYE or values.get("is_fisheye"):
-        return "OPENCV_FISHEYE", (*pinhole, k1, k2, k3, k4)
+        return Lens("OPENCV_FISHEYE", width, height, (*pinhole, k1, k2, k3, k4))
     if model not in _PERSPECTIVE:
         raise ValueError(f"the camera model {model} is not supported")
     if k4:
         raise ValueError("`k4` is supported for fisheye lenses only")
     if k3:
-        return "FULL_OPENCV", (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
+        return Lens("FULL_OPENCV", width, height, (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0))
     if not any((k1, k2, p1, p2)):
-        return "PINHOLE", pinhole
-    return "OPENCV", (*pinhole, k1, k2, p1, p2)
+        return Lens("PINHOLE", width, height, pinhole)
+    return Lens("OPENCV", width, height, (*pinhole, k1, k2, p1, p2))
 
 
 def _focal(side: float, angle: float) -> float:

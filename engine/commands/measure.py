@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import PromptError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
+from .named_photos import known_photo
 
 if TYPE_CHECKING:
     from ..scene import Measurement, Point
@@ -117,6 +118,7 @@ def _picker(project: Path) -> Callable[[str], Point]:
         if not photo or len(values) != 2:
             raise SettingsError(f"{text!r} is no point. Give PHOTO=x,y or {_WORLD}=X,Y,Z.")
         cameras = read_camera_set(project / "cameras").by_photo
+        photo = known_photo(photo, cameras)
         if photo not in cameras:
             raise PromptError(f"There is no photo {photo!r} with a camera. Choose one of: {', '.join(cameras)[:500]}.")
         if not casters:

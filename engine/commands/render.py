@@ -14,6 +14,7 @@ from ..events import Emit, Finished, Progress, StopCheck
 from ..objects import load_membership, load_object, object_gaussians
 from ..project_folder import ProjectFolder
 from ..scene import Camera, CameraSet, PinholeCamera, read_camera_set
+from .named_photos import known_photo
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -175,10 +176,10 @@ def _files(
 
 
 def _camera_of(camera_set: CameraSet, photo: str) -> Camera:
-    camera = camera_set.by_photo.get(photo)
+    known = camera_set.by_photo
+    camera = known.get(known_photo(photo, known))
     if camera is None:
-        names = ", ".join(camera.photo for camera in camera_set.cameras[:5])
-        raise CameraError(f"No registered photo is called {photo!r}. The first ones are: {names}.")
+        raise CameraError(f"No registered photo is called {photo!r}. The first ones are: {', '.join(list(known)[:5])}.")
     return camera
 
 

@@ -83,7 +83,10 @@ def add_size_options(parser: argparse.ArgumentParser) -> None:
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--cameras`` and ``--photo-masks``."""
     parser.add_argument(
-        "--cameras", type=Path, help="COLMAP model folder or transforms.json to use instead of estimating the cameras"
+        "--cameras",
+        type=Path,
+        help="cameras to use instead of estimating them: a COLMAP model or a project with one, transforms.json, or the "
+        "export of Metashape (XML) or RealityCapture (CSV, XMP)",
     )
     parser.add_argument(
         "--photo-masks",

@@ -16,6 +16,7 @@ from ..rasterizer import PROCESSOR, choose_objects_device
 from ..words import split_texts
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
+from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos
 from .scene_options import add_device_option
 
 if TYPE_CHECKING:
@@ -161,13 +162,16 @@ def _camera(project: Path, view: str) -> Camera | PinholeCamera:
     if view.lstrip().startswith("{"):
         return parse_camera_json(view)
     cameras = read_camera_set(project / "cameras").by_photo
-    return cameras[view] if view in cameras else read_camera_json(Path(view))
+    # A file that exists is meant as a file, unless a photo has just this name.
+    photo = view if Path(view).is_file() else known_photo(view, cameras)
+    return cameras[photo] if photo in cameras else read_camera_json(Path(view))
 
 
 def _pointed(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
     prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
+    prompt = prompt_in_known_photos(prompt, project.path)
     segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
     records = segmenter.segment(prompt, "object" if options.name is None else options.name)
     return _stored(records, before, segmenter)
@@ -194,7 +198,8 @@ def _refine(
     if options.level is not None:
         record = segmenter.choose_level(options.refine, options.level)
     else:
-        record = segmenter.refine(options.refine, clicks, excluded)
+        added, removed = (points_in_known_photos(points, project.path) for points in (clicks, excluded))
+        record = segmenter.refine(options.refine, added, removed)
     return f"{record.name} has {record.n_gaussians:,} Gaussians now.", _outputs([record], segmenter)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, HeritageError, MaskError
 from ..files import is_inner_name, opened, optional, read_json, read_text
+from ..scene import photos_called
 
 __all__ = ["LAYOUTS", "GroundTruth", "Layout", "read_ground_truth"]
 
@@ -204,15 +205,14 @@ class _Photos:
         self.names = sorted({*placed, *unregistered})
 
     def called(self, view: str) -> str:
-        """Return the photo whose name without extension is `view`; `view` itself when there is none.
+        """Return the photo that `view` means (`engine.scene.match_names`); `view` itself when there is none.
 
         Raises
         ------
         FormatError
             When several photos have that name.
         """
-        same = [name for name in self.names if Path(name).with_suffix("").as_posix() == view]
-        same = same or [name for name in self.names if Path(name).stem == view]
+        same = photos_called(view, self.names)
         if len(same) > 1:
             raise FormatError(f"The masks are of {view}, but several photos have that name: {', '.join(same[:3])}.")
         return same[0] if same else view

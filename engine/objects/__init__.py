@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .graph import SceneGraph
     from .photos import Photos, SamFactory
     from .polishing import polish
-    from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt
+    from .prompts import ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, parse_point, parse_prompt
     from .segment import NoMatchError, find_everything, find_objects, mask_at
     from .segmenter import Segmenter
     from .storage import (
@@ -38,6 +38,7 @@ __all__ = [
     "MaskPrompt",
     "NoMatchError",
     "Photos",
+    "Point",
     "Prompt",
     "SamFactory",
     "SceneGraph",

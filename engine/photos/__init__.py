@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .capture_facts import exif_facts
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
     from .kinds import SUFFIXES, VIDEO, kind_of_file, live_photo_of
-    from .loading import load_pixels, load_with_valid
+    from .loading import load_pixels, load_with_valid, stored_orientation
     from .photo_masks import mask_files, with_masks
     from .pixels import MAX_PIXELS
     from .reading import file_listing, picture_files, read_photos
@@ -34,6 +34,7 @@ __all__ = [
     "picture_files",
     "read_photo_statistics",
     "read_photos",
+    "stored_orientation",
     "with_masks",
 ]
 

@@ -19,9 +19,17 @@ from ..files import ArraySpec, atomic_write, read_array
 from ..visible_text import visible
 from .bounded import call_in_child, is_large, reserved
 from .exif import UPRIGHT_TRANSPOSES, orientation_of
-from .pixels import PhotoHeader, open_photo, photo_errors, read_header, strips_of, upright_with_alpha
+from .pixels import (
+    PhotoHeader,
+    open_photo,
+    opened_picture,
+    photo_errors,
+    read_header,
+    strips_of,
+    upright_with_alpha,
+)
 
-__all__ = ["load_pixels", "load_valid", "load_with_valid", "write_with_valid"]
+__all__ = ["load_pixels", "load_valid", "load_with_valid", "stored_orientation", "write_with_valid"]
 
 Valid = NDArray[np.bool_]
 
@@ -109,6 +117,18 @@ def load_with_valid(
             if not has_excluded:
                 return pixels, None
             return pixels, read_array(Path(folder) / _VALID_FILE, ArraySpec("bool", pixels.shape[:2]), advice=_ADVICE)
+
+
+def stored_orientation(path: Path) -> int:
+    """Return the EXIF orientation of a photo, 1 to 8, without decoding it; 1 for HEIC, whose format turns the pixels.
+
+    Raises
+    ------
+    PhotoError
+        When the file is missing or no picture.
+    """
+    with photo_errors(path), opened_picture(path, None) as (image, _):
+        return orientation_of(image)
 
 
 def write_with_valid(path: str, mask: str | None, max_side: int | None, over_black: bool, folder: str) -> bool:

@@ -10,7 +10,7 @@ from ..errors import PhotoError
 from ..files import problem_of_inner_name
 from ..visible_text import visible
 
-__all__ = ["compared_stem", "problem_of_name", "require_utf8_folder"]
+__all__ = ["compared_stem", "problem_of_name", "require_utf8_folder", "stripped_of_mask_words"]
 
 _PICTURE_SUFFIX = re.compile(r"\.(jpe?g|jpe|jfif|png|tiff?|webp|hei[cf]|hif)$", re.IGNORECASE)
 _MASK_WORD = r"(masks?|mattes?|alpha|silhouette|seg|segmentation|labels?)"
@@ -30,9 +30,14 @@ def compared_stem(name: str, *, without_mask_words: bool = False) -> str:
     """
     stem = _PICTURE_SUFFIX.sub("", unicodedata.normalize("NFC", name).casefold())
     if without_mask_words:
-        stem = _MASK_WORDS.sub("", _PICTURE_SUFFIX.sub("", stem)) or stem
+        stem = stripped_of_mask_words(_PICTURE_SUFFIX.sub("", stem)) or stem
         stem = _PICTURE_SUFFIX.sub("", stem)
     return stem
+
+
+def stripped_of_mask_words(stem: str) -> str:
+    """Return the name of a mask, without its suffix, without words such as ``mask`` at its beginning or end."""
+    return _MASK_WORDS.sub("", stem) or stem
 
 
 def problem_of_name(name: str) -> str | None:

@@ -1,23 +1,23 @@
 """Find and check the masks of photos.
 
-Masks follow COLMAP's naming, ``MASKS/photo.jpg.png`` for ``photo.jpg``, with sub-folders kept. Where this file is
-missing, a picture in the folder or its sub-folders with the photo's name is its mask, in any format, and with or
-without a word such as ``mask``. Black pixels are excluded, all others are valid. Masks are used to exclude transients,
-a turntable, a tripod or a reflection.
+A mask is a picture that is named after its photo: ``photo.jpg.png`` as in COLMAP, ``photo.png``, ``photo_mask.png`` as
+in Metashape, in any format and with or without a word such as ``mask``. Photo and mask are matched by
+`engine.scene.match_names`, with their sub-folders. Black pixels are excluded, all others are valid. Masks are used to
+exclude transients, a turntable, a tripod or a reflection.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, StopCheck, Warned
 from ..files import file_sha256, problem_of_inner_name
-from ..scene import Photo
+from ..scene import Photo, match_names
 from .loading import load_valid
-from .names import compared_stem, require_utf8_folder
+from .names import require_utf8_folder, stripped_of_mask_words
 
 __all__ = ["mask_files", "with_masks"]
 
@@ -45,20 +45,20 @@ def with_masks(
     Raises
     ------
     PhotoError
-        When the folder is missing or contains no mask of any photo, when two files can be the mask of a photo, or when
-        a mask cannot be read, differs in size from its photo or excludes all of its pixels.
+        When the folder is missing or contains no mask of any photo, when a mask may belong to several photos or a photo
+        to several masks, or when a mask cannot be read, differs in size from its photo or excludes all of its pixels.
     Cancelled
         When `should_stop` returns True.
     """
     if not masks.is_dir():
         raise PhotoError(f"The mask folder {masks} does not exist. Choose the folder that contains the photos' masks.")
     require_utf8_folder(masks)
-    others = _by_stem(masks)
+    files = _masks_of(masks, [photo.name for photo in photos])
     with_mask, without = [], []
     for photo in photos:
         if should_stop():
             raise Cancelled("Reading the masks was stopped. Nothing was changed.")
-        file = _mask_of(photo.name, masks, others)
+        file = files.get(photo.name)
         if file is None:
             without.append(photo.name)
             with_mask.append(photo)
@@ -71,9 +71,10 @@ def with_masks(
             )
         with_mask.append(replace(photo, mask=str(file.resolve()), mask_sha256=file_sha256(file)))
     if len(without) == len(photos):
+        shown = next((path.name for path in sorted(masks.rglob("*.png"))), None)
         raise PhotoError(
-            f"No file in {masks} is a mask of one of the photos. Name each mask after its photo, followed by .png: "
-            f"{photos[0].name}.png."
+            f"No file in {masks} is a mask of one of the photos{f' (one is {shown})' if shown else ''}. Name each mask "
+            f"after its photo, followed by .png: {photos[0].name}.png."
         )
     if without:
         named = ", ".join(without[:_MAX_NAMES_IN_WARNING]) + (
@@ -89,35 +90,32 @@ def mask_files(masks: Path) -> list[Path]:
     return sorted(path for path in found if path.is_file())
 
 
-def _by_stem(masks: Path) -> dict[str, list[Path]]:
-    found: dict[str, list[Path]] = {}
-    for path in mask_files(masks):
-        found.setdefault(compared_stem(path.name, without_mask_words=True), []).append(path)
+def _masks_of(masks: Path, photos: Sequence[str]) -> dict[str, Path]:
+    """Return the mask files by the photos that have one; raises `PhotoError` when it is not clear whose masks are."""
+    problems = {photo: problem_of_inner_name(f"{photo}.png") for photo in photos}
+    possible = {photo: masks / f"{photo}.png" for photo, problem in problems.items() if problem is None}
+    named = {photo: file for photo, file in possible.items() if file.is_file()}
+    others: dict[str, Path] = {}
+    twins: dict[str, Path] = {}
+    for file in mask_files(masks):
+        if file not in named.values():
+            photo = _named_photo(file.relative_to(masks))
+            (twins if photo in others else others)[photo] = file
+    matches = match_names(others, [photo for photo in photos if photo not in named])
+    if problem := matches.ambiguity():
+        raise PhotoError(
+            f"The masks in {masks} do not say which photos they are of: {problem}. Give each mask the name of its "
+            f"photo with its folder, followed by .png: {photos[0]}.png."
+        )
+    if twin := next((name for name in matches.found if name in twins), None):
+        raise PhotoError(f"{others[twin]} and {twins[twin]} are masks of one photo. Delete one of them.")
+    found = {**named, **{photo: others[name] for name, photo in matches.found.items()}}
+    for photo, problem in problems.items():
+        if problem is not None and photo not in found:
+            raise PhotoError(f"The name of the mask of {photo} {problem}. Give the photo a shorter name.")
     return found
 
 
-def _mask_of(name: str, masks: Path, others: dict[str, list[Path]]) -> Path | None:
-    """Return the mask of a photo; None without one."""
-    exact, problem = masks / f"{name}.png", problem_of_inner_name(f"{name}.png")
-    if problem is None and exact.is_file():
-        return exact
-    photo = PurePosixPath(name)
-    named = others.get(compared_stem(photo.name, without_mask_words=True), [])
-    folders = photo.parent.parts
-    shared = [_n_equal_last(path.relative_to(masks).parent.parts, folders) for path in named]
-    best = [path for path, n in zip(named, shared, strict=True) if n == max(shared)]
-    if len(best) > 1:
-        raise PhotoError(f"Both {best[0]} and {best[1]} can be the mask of {name}. Keep the one that is.")
-    if not best and problem is not None:
-        raise PhotoError(f"The name of the mask of {name} {problem}. Give the photo a shorter name.")
-    return best[0] if best else None
-
-
-def _n_equal_last(first: Sequence[str], second: Sequence[str]) -> int:
-    """Return how many folders at the end of two paths are the same."""
-    n = 0
-    for one, other in zip(reversed(first), reversed(second), strict=False):
-        if one != other:
-            break
-        n += 1
-    return n
+def _named_photo(mask: Path) -> str:
+    """Return the name of a mask without its suffix and without what a program added to it."""
+    return (mask.parent / stripped_of_mask_words(mask.stem)).as_posix()

@@ -14,6 +14,7 @@ from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixel
 from .measurement import ExportFrame, MeasuredDistance, Measurement, Point, export_frame, measurement_problem
 from .measurement_storage import delete_measurement, load_measurement, save_measurement
 from .photo import Photo, PhotoSet, RejectedPhoto
+from .photo_names import NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .polished import Polished, load_polished, save_polished
 from .rays import RayCaster, RayHits, photo_ray, surface_point
@@ -23,6 +24,7 @@ __all__ = [
     "MAX_COORDINATE",
     "MAX_LENS_PARAMETER",
     "MAX_PHOTO_SIDE",
+    "NameMatches",
     "Camera",
     "CameraSet",
     "ExportFrame",
@@ -49,9 +51,11 @@ __all__ = [
     "load_measurement",
     "load_polished",
     "looked_at",
+    "match_names",
     "measurement_problem",
     "photo_pixels",
     "photo_ray",
+    "photos_called",
     "read_camera_set",
     "read_photo_set",
     "save_measurement",

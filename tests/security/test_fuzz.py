@@ -67,6 +67,7 @@ NOT_REACHED = {
     "engine/rasterizer/gpu/": "the memory of the card, and our own source code",
     "engine/lazy_exports.py": "our own source code",
     "engine/cameras/model_reading.py:_converted": "reached in a child process, by colmap-binary and colmap-text",
+    "engine/cameras/model_reading.py:_names_of_text_model": "reached in a child process, by colmap-text",
     "engine/cameras/model_reading.py:cloud_in_child": "reached in a child process, by transforms-with-cloud",
     "engine/cameras/model_reading.py:_stated_points": "reached in a child process, by transforms-with-cloud",
     "engine/cameras/triangulation.py:_posed_model": "no file: a model is made",

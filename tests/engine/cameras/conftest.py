@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
@@ -105,3 +108,17 @@ def make_scene(folder: Path, cameras: tuple[Camera, ...]) -> Scene:
 def room(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """Eight photos of the corner of a room, in a folder whose name has spaces and non-ASCII letters."""
     return make_scene(tmp_path_factory.mktemp("room") / "Fotos Müller 彫刻", room_cameras())
+
+
+@pytest.fixture
+def readers_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Call the readers of given cameras here, with JSON values as between processes: starting Python takes a second.
+
+    `test_model_reading` and `test_given` read in a child process.
+    """
+
+    def call(function: str, arguments: dict[str, Any], **_: object) -> Any:
+        module, _, name = function.partition(":")
+        return json.loads(json.dumps(getattr(importlib.import_module(f"engine.{module}"), name)(**arguments)))
+
+    monkeypatch.setattr("engine.cameras.model_reading.run_in_child", call)

@@ -105,7 +105,7 @@ def test_missing_model_file_names_the_command(
     assert "is missing. Run: python -m engine models fetch" in call(capsys, "segment", scene, *prompt).error
 
 
-@pytest.mark.parametrize("photo", ["view_99.png", "../view_1.png"])
+@pytest.mark.parametrize("photo", ["view_99.png", "../view_999.png"])
 def test_photo_that_is_not_of_the_scene_is_named(photo: str, scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert photo in call(capsys, "segment", scene, "--click", f"{photo}=5,5").error
 

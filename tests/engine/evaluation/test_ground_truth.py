@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from engine.errors import FormatError, MaskError
-from engine.evaluation.ground_truth import GroundTruth, read_ground_truth
+from engine.evaluation.ground_truth import GroundTruth, _Photos, read_ground_truth
 from engine.evaluation.mask_metrics import iou
 from tests.engine.evaluation.layouts import as_3d_ovs, as_lerf_mask, as_lerf_ovs, as_museum, photo, true_masks
 from tests.engine.museum import VIEWS
@@ -171,6 +171,11 @@ def test_object_called_like_an_ignored_thing_is_refused(tmp_path: Path) -> None:
 def test_masks_of_other_photos_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"no masks for the photos of this project \(it has: view_07, view_09\)"):
         read_ground_truth(MAKERS["museum"](tmp_path), ["IMG_1.jpg"])
+
+
+def test_masks_are_found_by_the_ends_of_paths(tmp_path: Path) -> None:
+    photos = _Photos(["cam1/0001.JPG", "cam2/0001.JPG", "0002.jpg"], [])
+    assert [photos.called(view) for view in ("cam2/0001", "0002.png", "9")] == ["cam2/0001.JPG", "0002.jpg", "9"]
 
 
 def test_two_photos_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -62,14 +62,6 @@ def test_masks_are_found_under_other_usual_names(tmp_path: Path, names: tuple[st
     assert sorted(read(photos, masks).mask_files) == ["a.jpg", "in/c.png"]
 
 
-def test_two_masks_of_one_photo_are_an_error_that_names_both(tmp_path: Path) -> None:
-    photos, masks = scene(tmp_path)
-    for name in ("x/a.png", "y/a_mask.png"):
-        save(masks / name, left_half().astype(np.uint8) * 255)
-    with pytest.raises(PhotoError, match=r"Both .*x/a\.png and .*y/a_mask\.png can be the mask of a\.jpg"):
-        read(photos, masks)
-
-
 def test_transparent_pixels_over_black_are_valid_and_empty(tmp_path: Path) -> None:
     alpha = np.full((HEIGHT, WIDTH), 255, np.uint8)
     alpha[:, :20], alpha[:, 20:24] = 0, 128
@@ -80,6 +72,37 @@ def test_transparent_pixels_over_black_are_valid_and_empty(tmp_path: Path) -> No
     assert not pixels[:, :20].any() and (pixels[:, 24:] == 200).all()
     # Half of 200, rounded twice.
     assert abs(pixels[:, 20:24].astype(int) - 100).max() <= 1
+
+
+@pytest.mark.parametrize(
+    "name", ["a.jpg.png", "a.png", "A.PNG", "a_mask.png", "a.mask.png", "a.jpg.mask.png", "masks of/a.JPG.png"]
+)
+def test_masks_may_be_named_as_other_programs_name_them(tmp_path: Path, name: str) -> None:
+    photos, masks = scene(tmp_path, "in/c.png")
+    save(masks / name, left_half().astype(np.uint8) * 255)
+    assert read(photos, masks).mask_files == {"a.jpg": masks / name, "in/c.png": masks / "in" / "c.png.png"}
+
+
+def test_masks_that_may_be_of_several_photos_are_refused(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path, "b.jpg")
+    save(photos / "in" / "a.jpg", textured(5))
+    save(masks / "c.png.png", left_half().astype(np.uint8) * 255)
+    save(masks / "of" / "a.jpg.png", left_half().astype(np.uint8) * 255)
+    assert "in/c.png" in read_photos(photos, SMALL, masks=masks).mask_files
+    save(photos / "out" / "a.jpg", textured(6))
+    (photos / "a.jpg").unlink()
+    with pytest.raises(
+        PhotoError, match=r"which photos they are of: of/a\.jpg may be in/a\.jpg or out/a\.jpg\. Give each"
+    ):
+        read(photos, masks)
+
+
+def test_two_masks_of_one_photo_are_refused(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path, "b.jpg")
+    for name in ("a.png", "a_mask.png"):
+        save(masks / name, left_half().astype(np.uint8) * 255)
+    with pytest.raises(PhotoError, match=r"are masks of one photo\. Delete one"):
+        read(photos, masks)
 
 
 def test_an_edited_mask_has_another_hash(tmp_path: Path) -> None:
