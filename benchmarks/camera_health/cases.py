@@ -24,7 +24,7 @@ Float64 = NDArray[np.float64]
 Pictures = Sequence[tuple[str, Image.Image]]
 
 _ROOT = Path(__file__).parents[2]
-_SIDE = 640
+_SIDE = 800
 _COUNT = 16
 _BOX_COUNT = 12
 _BOX_RADIUS = 1.8
@@ -248,7 +248,8 @@ def _given(
             frames.append(
                 {
                     "file_path": renamed[photo], "w": width, "h": height, "cx": lens["cx"], "cy": lens["cy"],
-                    "fl_x": lens["f"] * focal, "fl_y": lens["f"] * focal, "k1": lens["k1"], "k2": 0.0, "p1": 0.0, "p2": 0.0,
+                    "fl_x": lens["f"] * focal, "fl_y": lens["f"] * focal,
+                    "k1": lens["k1"], "k2": 0.0, "p1": 0.0, "p2": 0.0,
                     "transform_matrix": pose.tolist(),
                 }
             )  # fmt: skip

@@ -23,7 +23,7 @@ from .cases import PhotoCase
 
 __all__ = ["Outcome", "run_case"]
 
-_SETTINGS = CameraSettings(max_side=640, max_features=1000)
+_SETTINGS = CameraSettings(max_side=800, max_features=800, first_octave=0)
 _RIGHT = 0.03
 """Median error of the positions, in the radius of the true ones, up to which a model is right."""
 

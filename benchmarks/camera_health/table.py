@@ -19,8 +19,8 @@ def table(outcomes: Sequence[Outcome]) -> str:
         named = sum(one.is_named for one in spoilt)
         noticed = sum(one.colour != "green" or one.is_named for one in spoilt)
         lines.append(
-            f"- {name}: {quiet} of {len(sound)} sound sets are green; of {len(spoilt)} spoilt sets {named} are named or "
-            f"mended, and {noticed} are noticed."
+            f"- {name}: {quiet} of {len(sound)} sound sets are green; of {len(spoilt)} spoilt sets {named} are named "
+            f"or mended, and {noticed} are noticed."
         )
     lines += [
         "",

@@ -23,18 +23,17 @@ __all__ = ["MUCH_BETTER", "Evidence", "PairFit", "fit_of_pairs", "measure_model"
 Float64 = NDArray[np.float64]
 
 _MIN_MATCHES = 30
-"""Verified matches from which on a pair counts. Pairs with fewer are often wrong where patterns repeat."""  # a guess
+"""Verified matches from which on a pair counts. Pairs with fewer are often wrong where patterns repeat."""
 _PIXELS = 4.0
 """Distance from its epipolar line up to which a match agrees with the cameras: COLMAP's own in verification."""
 _STRONGEST = 4
-"""Partners of a photo, those with the most matches, that must agree with it."""  # a guess
+"""Partners of a photo, those with the most matches, that must agree with it."""
 _PANORAMA_ASPECT = 1.8
-"""Width by height from which on photos can be panoramas: full ones have 2, without their poles more."""  # by definition
+"""Width by height of photos that can be panoramas: whole ones have 2, without their poles more."""  # by definition
 _PANORAMA_PAIRS = 8
 MUCH_BETTER = 0.9
-"""Error with another lens, relative to that with the present one, up to which the present one is refuted.
-
-chosen on: sound sets have 0.96 to 1.0, spoilt ones 0.2 to 0.8 (benchmarks/camera_health, the choosing half)."""
+"""Error with another lens, relative to that with the present one, up to which the present one is refuted:
+sound sets have 0.96 to 1."""  # chosen on museum_room, room_1, room_3, room_5, banana16
 _FISHEYE = "SIMPLE_RADIAL_FISHEYE"
 
 
@@ -77,7 +76,8 @@ class Evidence:
     fisheye_gain : float
         The error with fisheye lenses relative to that with ordinary ones.
     panorama_gain : float
-        Matches that agree when the photos are taken for panoramas, relative to those with their lenses; 0 when not tried.
+        Matches that agree when the photos are taken for panoramas, relative to those with their lenses; 0 when not
+        tried.
     lenses_differ : bool
         Whether photos that share a lens fit clearly better with different ones.
     n_lenses : int

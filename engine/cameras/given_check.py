@@ -20,11 +20,11 @@ from .triangulation import posed_model
 __all__ = ["check_given_cameras"]
 
 _SETTINGS = CameraSettings(max_side=640, max_features=1000, first_octave=0)
-"""Of the features that are matched for the check: fewer than for finding cameras, about a second a photo."""  # a guess
+"""Of the features that are matched for the check: fewer than for finding cameras, about a second a photo."""
 _MAX_PHOTOS = 200
-"""Photos that are checked, evenly spaced in the order of their names."""  # a guess
+"""Photos that are checked, evenly spaced in the order of their names."""
 _KEPT_SHARE = 0.5
-"""Share of refuted photos up to which only these are left out; above it the whole model is in doubt."""  # a guess
+"""Share of refuted photos up to which only these are left out; above it the whole model is in doubt."""
 
 
 def check_given_cameras(

@@ -10,31 +10,27 @@ from .evidence import MUCH_BETTER, Evidence, PairFit
 __all__ = ["judge", "refuted_images"]
 
 _DEPARTURE = 0.03
-"""Departure of an aspect (as a logarithm) or of a principal point (in sides of the photo) that counts: 3 %.
-
-chosen on: sound sets have at most 0.02 where another lens fits much better (benchmarks/camera_health, the choosing half)."""
+"""Departure of an aspect (as a logarithm) or of a principal point (in sides of the photo) that counts: 3 %."""
 _PANORAMA_GAIN = 1.2
-"""Matches that agree with panoramas for each that agrees with ordinary photos, from which on they are panoramas."""  # a guess
+"""Matches that agree with panoramas, for each that agrees with ordinary photos, of photos that are panoramas."""
 _HIGH_ERROR, _REFUTING_ERROR = 0.6, 1.0
-"""Mean reprojection errors in pixels of the matched copies. Sound sets have 0.2 to 0.42, spoilt ones 0.3 to 1.3.
-
-chosen on: benchmarks/camera_health, the choosing half."""
+"""Mean reprojection errors in pixels of the matched copies. Sound sets have 0.2 to 0.42, spoilt ones 0.3 to 1.3."""
+# chosen on museum_room, room_1, room_3, room_5, banana16
 _DISAGREEING = 0.2
-"""Share of the strongest pairs that disagree with the cameras from which on something is repeated or misplaced.
-
-chosen on: sound sets have at most 0.06 (benchmarks/camera_health, the choosing half)."""
+"""Share of the strongest pairs that disagree with the cameras from which on something is repeated or misplaced: sound
+sets have at most 0.06."""  # chosen on museum_room, room_1, room_3, room_5, banana16
 _REFUTED_GIVEN = 0.5
-"""Share of refuted photos from which on the whole given model is wrong."""  # a guess
+"""Share of refuted photos from which on the whole given model is wrong."""
 _SMALL_ANGLE = 2.0
-"""Median ray angle in degrees below which depths are not known."""  # a guess
+"""Median ray angle in degrees below which depths are not known."""
 _BEHIND = 0.02
-"""Share of points behind their cameras. Mapping itself removes them; a given model may have many."""  # a guess
+"""Share of points behind their cameras. Mapping itself removes them; a given model may have many."""
 _OTHER_PLACE = 0.15
-"""Share of the photos in other models from which on they are named as another scene."""  # a guess
+"""Share of the photos in other models from which on they are named as another scene."""
 _FEW_PLACED = 0.6
-"""Share of placed photos below which most of a set is missing."""  # a guess
+"""Share of placed photos below which most of a set is missing."""
 _WEAK_TRACKS = 0.25
-"""Share of points seen by three photos below which a model hangs together by pairs. Sound sets have 0.76 to 1."""  # a guess
+"""Share of points seen by three photos below which a model hangs together by pairs. Sound sets have 0.76 to 1."""
 _NAMES = 6
 """Photos that a sentence names."""
 
@@ -74,8 +70,8 @@ def _given(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | None:
             "red",
             "given_cameras",
             f"The given cameras do not fit the photos: {len(refuted)} of {evidence.n_placed} photos do not match their "
-            "neighbours where the model says; it belongs to other photos, another order or other lenses: check the "
-            "model, or let the cameras be estimated.",
+            "neighbours where the model says; it belongs to other photos, another order or other lenses: check it, or "
+            "let the cameras be estimated.",
             tuple(refuted),
         )
     return CameraHealth(
@@ -93,16 +89,16 @@ def _of_pictures(evidence: Evidence) -> CameraHealth | None:
         return CameraHealth(
             "red" if evidence.mirrored_placed else "yellow",
             "mirrored",
-            f"Photos are mirror images of the others ({_listed(evidence.mirrored)}), as selfie cameras and some programs "
-            "save them: flip them back.",
+            f"Photos are mirror images of the others ({_listed(evidence.mirrored)}), as selfie cameras and some "
+            "programs save them: flip them back.",
             evidence.mirrored_placed,
         )
     if evidence.panorama_gain >= _PANORAMA_GAIN:
         return CameraHealth(
             "red",
             "panorama",
-            "The photos are 360 degree panoramas, for which the positions found are wrong: cut them into ordinary views "
-            "first.",
+            "The photos are 360 degree panoramas, for which the positions found are wrong: cut them into ordinary "
+            "views first.",
         )
     found = []
     if evidence.aspect_gain <= MUCH_BETTER and evidence.aspect > _DEPARTURE:
@@ -115,12 +111,12 @@ def _of_pictures(evidence: Evidence) -> CameraHealth | None:
         return None
     cause = min(found)[1]
     sentences = {
-        "stretched": "The photos fit their cameras only when they are stretched in one direction, so positions are wrong: "
-        "use the original files, not copies that a program resized or decoded wrongly.",
-        "cropped": "The photos fit their cameras only when the lens looks beside the middle of the picture, so positions "
-        "are wrong: use the photos before they were cropped.",
-        "fisheye": "The photos fit fisheye lenses much better than the lens model used, so positions are wrong: choose a "
-        "fisheye model for the cameras.",
+        "stretched": "The photos fit their cameras only when they are stretched in one direction, so positions are "
+        "wrong: use the original files, not copies that a program resized or decoded wrongly.",
+        "cropped": "The photos fit their cameras only when the lens looks beside the middle of the picture, so "
+        "positions are wrong: use the photos before they were cropped.",
+        "fisheye": "The photos fit fisheye lenses much better than the lens model used, so positions are wrong: choose "
+        "a fisheye model for the cameras.",
     }
     return CameraHealth("red", cause, sentences[cause])
 
@@ -142,8 +138,9 @@ def _of_places(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | Non
         return CameraHealth(
             "red",
             "repeated",
-            f"{evidence.disagreeing:.0%} of the pairs of photos that match best contradict the positions found: parts that "
-            "look alike, as equal walls or windows, were taken for one; add photos that show how they are connected.",
+            f"{evidence.disagreeing:.0%} of the pairs of photos that match best contradict the positions found: parts "
+            "that look alike, as equal walls or windows, were taken for one; add photos that show how they are "
+            "connected.",
             tuple(refuted),
         )
     others = [names for names in evidence.other_models if len(names) >= 3]
@@ -159,30 +156,30 @@ def _of_places(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | Non
         return CameraHealth(
             "yellow",
             "misplaced",
-            f"The best matches of {_listed(refuted)} contradict the position found, so they are left out: they may show "
-            "another place that looks alike.",
+            f"The best matches of {_listed(refuted)} contradict the position found, so they are left out: they may "
+            "show another place that looks alike.",
             tuple(refuted),
         )
     if evidence.angle < _SMALL_ANGLE:
         return CameraHealth(
             "red",
             "one_place",
-            f"The photos were taken from nearly one place (rays meet at {evidence.angle:.1f} degrees), so depths are not "
-            "known: walk around the object instead of turning the camera.",
+            f"The photos were taken from nearly one place (rays meet at {evidence.angle:.1f} degrees), so depths are "
+            "not known: walk around the object instead of turning the camera.",
         )
     if evidence.n_placed < _FEW_PLACED * evidence.n_photos:
         return CameraHealth(
             "yellow",
             "few_placed",
-            f"Only {evidence.n_placed} of {evidence.n_photos} photos could be placed: the others overlap too little, are "
-            "blurred or show something else; add photos between them.",
+            f"Only {evidence.n_placed} of {evidence.n_photos} photos could be placed: the others overlap too little, "
+            "are blurred or show something else; add photos between them.",
         )
     if evidence.seen_by_three < _WEAK_TRACKS:
         return CameraHealth(
             "yellow",
             "weak_tracks",
-            f"Only {evidence.seen_by_three:.0%} of the points are seen by three photos, so parts of the scene may have "
-            "different scales: take photos that overlap by two thirds.",
+            f"Only {evidence.seen_by_three:.0%} of the points are seen by three photos, so parts of the scene may "
+            "have different scales: take photos that overlap by two thirds.",
         )
     return None
 
@@ -193,8 +190,8 @@ def _of_error(evidence: Evidence) -> CameraHealth | None:
     return CameraHealth(
         "red" if evidence.error > _REFUTING_ERROR else "yellow",
         "unclear",
-        f"The photos fit their cameras badly ({evidence.error:.2f} px on average, usually 0.2 to 0.4): the files may be "
-        "damaged, or changed by a program, or the scene or the lens moved; look at the photos and the cameras.",
+        f"The photos fit their cameras badly ({evidence.error:.2f} px on average, usually 0.2 to 0.4): the files may "
+        "be damaged, or changed by a program, or the scene or the lens moved; look at the photos and the cameras.",
     )
 
 

@@ -9,8 +9,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterable, Sequence
 
-import numpy as np
-
 from ..events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
@@ -23,19 +21,17 @@ Lens = pycolmap.Camera
 MapAll = Callable[[], list[pycolmap.Reconstruction]]
 
 _LOWER_ERROR = 0.9
-"""Error with own lenses, relative to that with shared ones, from which down lenses can differ.
-
-chosen on: sound sets have 0.95 to 0.98, zoomed ones 0.27 to 0.78 (benchmarks/camera_health, the choosing half)."""
+"""Error with own lenses, relative to that with shared ones, from which down lenses can differ: sound sets
+have 0.95 to 0.98, zoomed ones 0.27 to 0.78."""  # chosen on museum_room, room_1, room_3, room_5, banana16
 _DIFFERENT_FOCAL = 1.06
-"""Ratio of focal lengths from which on two photos have different lenses. Sound sets stay below 1.02.
-
-chosen on: benchmarks/camera_health, the choosing half."""
+"""Ratio of focal lengths from which on photos have different lenses. Sound sets stay
+below 1.02."""  # chosen on museum_room, room_1, room_3, room_5, banana16
 _FEW_PLACED = 0.8
-"""Share of placed photos below which lenses of their own are tried even if no model shows that they differ."""  # a guess
+"""Share of placed photos below which lenses of their own are tried even if no model shows that they differ."""
 _ROUNDS = 3
-"""Times that photos are grouped and mapped again at most."""  # a guess
+"""Times that photos are grouped and mapped again at most."""
 _BETTER = 0.95
-"""Error of the model with other groups, relative to the first, from which down it is taken."""  # a guess
+"""Error of the model with other groups, relative to the first, from which down it is taken."""
 
 
 def map_with_lenses(
@@ -172,7 +168,9 @@ def _first_lenses(workspace: SfmWorkspace) -> list[tuple[Lens, list[int]]]:
         for image in sorted(database.read_all_images(), key=lambda image: image.image_id):
             members.setdefault(image.name.split("/")[0], []).append(image.image_id)
     # The lenses of the groups were the first that the database got, in the order of the groups.
-    return [(lenses[camera_id], members[name]) for camera_id, name in zip(sorted(lenses), sorted(members))]
+    return [
+        (lenses[camera_id], members[name]) for camera_id, name in zip(sorted(lenses), sorted(members), strict=False)
+    ]
 
 
 def _largest(models: list[pycolmap.Reconstruction]) -> pycolmap.Reconstruction | None:

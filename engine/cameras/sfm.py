@@ -31,7 +31,7 @@ _MATCHED = 0.85
 _MAPPED = 0.97
 """Fraction of the run time after mapping."""
 _TURNED = 0.9
-"""Share of pairs that a turn explains from which on the camera stood on one place. Sound sets have up to 0.8."""  # a guess
+"""Share of pairs that a turn explains, from which on the camera stood on one place. Sound sets have up to 0.8."""
 _HINT = (
     "Likely causes: too few photos, too little overlap between them, plain surfaces without texture, or blur. "
     "Take more sharp photos that overlap by two thirds, walking around the object."
@@ -204,8 +204,8 @@ def _cause(workspace: SfmWorkspace, should_stop: StopCheck) -> str:
         return f"Photos are mirror images of the others ({', '.join(mirrored)}): flip them back."
     if turned_share(workspace.database) >= _TURNED:
         return (
-            "The photos were taken from one place, with the camera turned, so no distances can be found: walk around the "
-            "object."
+            "The photos were taken from one place, with the camera turned, so no distances can be found: walk around "
+            "the object."
         )
     return _HINT
 

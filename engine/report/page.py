@@ -116,7 +116,8 @@ def _head(facts: dict[str, Any]) -> Html:
     health = cameras.get("health") or {}
     waiting = [_stage_name(stage).lower() for stage in facts["not_done"] if stage not in ("objects", "masks")]
     return fill(
-        '<header><p>Gaussian Heritage report</p><h1>{title}</h1></header>{health}<div class="tiles">{tiles}</div>{note}',
+        "<header><p>Gaussian Heritage report</p><h1>{title}</h1></header>"
+        '{health}<div class="tiles">{tiles}</div>{note}',
         title=facts["title"],
         tiles=joined(fill("<div><b>{}</b><span>{}</span></div>", value, name) for name, value in tiles if value),
         health=fill('<p class="low">{}</p>', health["sentence"]) if health.get("colour") in _BAD else Html(),

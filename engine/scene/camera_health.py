@@ -18,8 +18,8 @@ class CameraHealth:
     Attributes
     ----------
     colour : {"green", "yellow", "red"}
-        Green: nothing speaks against the cameras. Yellow: a part of the photos is missing, or the cameras are less exact
-        than usual. Red: the photos refute the cameras.
+        Green: nothing speaks against the cameras. Yellow: a part of the photos is missing, or the cameras are less
+        exact than usual. Red: the photos refute the cameras.
     cause : str
         Likely cause as one word of `engine.cameras.health`, empty when green.
     sentence : str
