@@ -102,7 +102,7 @@ def _true_viewmats(name: str, kept: Path, count: int = _COUNT) -> dict[str, tupl
     result = {}
     for index in _chosen(name, len(names), count):
         photo = photos[names[index]]
-        scale = _SIDE / max(photo["width"], photo["height"])
+        scale = min(1.0, _SIDE / max(photo["width"], photo["height"]))
         lens = {key: value * (1.0 if key == "k1" else scale) for key, value in photo["params"].items()}
         result[f"{name}_{index:02d}.jpg"] = (np.array(photo["world_to_camera"]), lens)
     return result

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ..scene import CameraHealth
 from .evidence import MUCH_BETTER, Evidence, PairFit
 
-__all__ = ["judge", "refuted_images"]
+__all__ = ["TURNED", "judge", "refuted_images"]
 
 _DEPARTURE = 0.03
 """Departure of an aspect (as a logarithm) or of a principal point (in sides of the photo) that counts: 3 %."""
@@ -19,12 +19,18 @@ _HIGH_ERROR, _REFUTING_ERROR = 0.6, 1.0
 _DISAGREEING = 0.2
 """Share of the strongest pairs that disagree with the cameras from which on something is repeated or misplaced: sound
 sets have at most 0.06."""  # chosen on museum_room, room_1, room_3, room_5, banana16
+TURNED = 0.9
+"""Share of strong pairs that a turn of the camera explains, from which on it stood on one place."""
+_MISSING = 0.1
+"""Share of near views that lack the points of their neighbours from which on parts were taken for one: sound sets have
+at most 0.03."""  # chosen on museum_room, room_1, room_3, room_5, room_7, banana16, herz_jesus25
 _REFUTED_GIVEN = 0.5
 """Share of refuted photos from which on the whole given model is wrong."""
 _SMALL_ANGLE = 2.0
 """Median ray angle in degrees below which depths are not known."""
-_BEHIND = 0.02
-"""Share of points behind their cameras. Mapping itself removes them; a given model may have many."""
+_FAR_FROM_LINES = 1.0
+"""Median distance in pixels of the matches from where given cameras say. True ones have 0.2, with a focal length that is
+10 % wrong 0.7, 50 % wrong 2.7."""
 _OTHER_PLACE = 0.15
 """Share of the photos in other models from which on they are named as another scene."""
 _FEW_PLACED = 0.6
@@ -63,9 +69,17 @@ def judge(evidence: Evidence, *, poses_given: bool = False, refuted: Sequence[st
 
 
 def _given(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | None:
-    if not refuted and evidence.behind <= _BEHIND:
+    if evidence.distance > _FAR_FROM_LINES:
+        return CameraHealth(
+            "red",
+            "given_cameras",
+            f"The given cameras do not fit the photos: matches lie {evidence.distance:.1f} px from where the model says, "
+            "usually 0.2 to 0.5; its focal lengths, distortion or poses are not those of these photos: check it, or let "
+            "the cameras be estimated.",
+        )
+    if not refuted:
         return None
-    if len(refuted) >= _REFUTED_GIVEN * max(evidence.n_placed, 1) or not refuted:
+    if len(refuted) >= _REFUTED_GIVEN * max(evidence.n_placed, 1):
         return CameraHealth(
             "red",
             "given_cameras",
@@ -127,20 +141,31 @@ def _of_lenses(evidence: Evidence) -> CameraHealth | None:
     return CameraHealth(
         "red" if evidence.error > _HIGH_ERROR else "yellow",
         "several_lenses",
-        "The photos seem to be taken with several zooms or lenses that could not be told apart, so positions may be "
+        "The photos seem to be taken with several zooms or lenses that could not be separated, so positions may be "
         "wrong: use the original files with their EXIF data, or photos of one zoom only.",
     )
 
 
 def _of_places(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | None:
     """Return the finding if photos lie in other places than the model says, or in none."""
-    if evidence.disagreeing >= _DISAGREEING:
+    if evidence.turned >= TURNED or evidence.angle < _SMALL_ANGLE:
+        return CameraHealth(
+            "red",
+            "one_place",
+            "The photos were taken from nearly one place, with the camera turned, so depths are not known: walk around "
+            "the object.",
+        )
+    if evidence.disagreeing >= _DISAGREEING or evidence.missing >= _MISSING:
+        what = (
+            f"{evidence.disagreeing:.0%} of the pairs of photos that match best contradict the positions found"
+            if evidence.disagreeing >= _DISAGREEING
+            else f"{evidence.missing:.0%} of the photos placed side by side do not show the same things"
+        )
         return CameraHealth(
             "red",
             "repeated",
-            f"{evidence.disagreeing:.0%} of the pairs of photos that match best contradict the positions found: parts "
-            "that look alike, as equal walls or windows, were taken for one; add photos that show how they are "
-            "connected.",
+            f"{what}: parts that look alike, as equal walls or windows, were taken for one; add photos that show how "
+            "they are connected.",
             tuple(refuted),
         )
     others = [names for names in evidence.other_models if len(names) >= 3]
@@ -159,13 +184,6 @@ def _of_places(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | Non
             f"The best matches of {_listed(refuted)} contradict the position found, so they are left out: they may "
             "show another place that looks alike.",
             tuple(refuted),
-        )
-    if evidence.angle < _SMALL_ANGLE:
-        return CameraHealth(
-            "red",
-            "one_place",
-            f"The photos were taken from nearly one place (rays meet at {evidence.angle:.1f} degrees), so depths are "
-            "not known: walk around the object instead of turning the camera.",
         )
     if evidence.n_placed < _FEW_PLACED * evidence.n_photos:
         return CameraHealth(

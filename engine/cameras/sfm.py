@@ -17,7 +17,7 @@ from .colmap import pycolmap
 from .colmap_calls import wait_for
 from .evidence import Evidence, PairFit, fit_of_pairs, measure_model, panorama_gain, turned_share
 from .features import SfmWorkspace, match_features
-from .health import judge, refuted_images
+from .health import TURNED, judge, refuted_images
 from .lens_groups import map_with_lenses
 from .mirrored import mirrored_photos
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
@@ -30,8 +30,6 @@ _MATCHED = 0.85
 """Fraction of the run time after matching."""
 _MAPPED = 0.97
 """Fraction of the run time after mapping."""
-_TURNED = 0.9
-"""Share of pairs that a turn explains, from which on the camera stood on one place. Sound sets have up to 0.8."""
 _HINT = (
     "Likely causes: too few photos, too little overlap between them, plain surfaces without texture, or blur. "
     "Take more sharp photos that overlap by two thirds, walking around the object."
@@ -202,7 +200,7 @@ def _cause(workspace: SfmWorkspace, should_stop: StopCheck) -> str:
     """Return why hardly a photo could be placed, and what to do."""
     if mirrored := _mirrored(workspace, should_stop):
         return f"Photos are mirror images of the others ({', '.join(mirrored)}): flip them back."
-    if turned_share(workspace.database) >= _TURNED:
+    if turned_share(workspace.database) >= TURNED:
         return (
             "The photos were taken from one place, with the camera turned, so no distances can be found: walk around "
             "the object."
@@ -231,6 +229,7 @@ def _check(
         n_placed=model.num_reg_images(),
         error=model.compute_mean_reprojection_error(),
         pairs=pairs,
+        turned=turned_share(workspace.database),
         panorama_gain=panorama_gain(workspace.database, lenses),
         other_models=tuple(tuple(sorted(set(_photo_names(workspace, other)) - kept)) for other in models),
         mirrored=(mirrored := _mirrored(workspace, should_stop)),

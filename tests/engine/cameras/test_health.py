@@ -11,7 +11,15 @@ import pytest
 from PIL import Image, ImageOps
 
 from engine.cameras.colmap import pycolmap
-from engine.cameras.evidence import Evidence, PairFit, epipolar_distances, measure_model, strongest_pairs
+from engine.cameras.evidence import (
+    Evidence,
+    PairFit,
+    epipolar_distances,
+    is_turn,
+    measure_model,
+    missing_share,
+    strongest_pairs,
+)
 from engine.cameras.given_check import check_given_cameras
 from engine.cameras.health import judge, refuted_images
 from engine.cameras.lens_groups import group_by_focal, lenses_differ
@@ -34,7 +42,7 @@ def lens(model: str, *params: float) -> pycolmap.Camera:
     return pycolmap.Camera(model=model, width=640, height=480, params=list(params))
 
 
-def model_of(true_lens: LensOf, count: int = 8, noise: float = 0.2) -> pycolmap.Reconstruction:
+def model_of(true_lens: LensOf, noise: float = 0.2, step: float = 0.35) -> pycolmap.Reconstruction:
     """Return a model with the shared lens whose photos were taken with other lenses, from a ring around 150 points."""
     rng = np.random.default_rng(0)
     model = pycolmap.Reconstruction()
@@ -43,8 +51,8 @@ def model_of(true_lens: LensOf, count: int = 8, noise: float = 0.2) -> pycolmap.
     )
     points = rng.uniform(-1.0, 1.0, (150, 3))
     seen: dict[int, list[tuple[int, int]]] = {index: [] for index in range(len(points))}
-    for image_id in range(1, count + 1):
-        angle = 0.35 * image_id
+    for image_id in range(1, 9):
+        angle = step * image_id
         viewmat = looking_at(np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.0 + 0.3 * (image_id % 3)]), np.zeros(3))
         local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
         pixels = true_lens(image_id).img_from_cam(local) + rng.normal(0.0, noise, (len(points), 2))
@@ -137,6 +145,36 @@ def test_only_the_strongest_partners_of_a_photo_count() -> None:
     assert {(0, other, 100 - other) for other in range(1, 5)} <= set(chosen)
 
 
+@pytest.mark.parametrize("focal", [300.0, 500.0, 1500.0])
+def test_a_turn_on_one_place_is_told_from_a_flat_scene(focal: float) -> None:
+    lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=640, height=480, params=[focal, 320.0, 240.0])
+    K = lens.calibration_matrix()
+    turn = (
+        looking_at(np.zeros(3), np.array([1.0, 0.2, -0.1]))[:3, :3]
+        @ looking_at(np.zeros(3), np.array([1.0, -0.1, 0.0]))[:3, :3].T
+    )
+    assert is_turn(K @ turn @ np.linalg.inv(K), lens, lens)
+    # The plane z = 3 of the first camera, seen from another place.
+    step = np.outer((1.0, 0.2, 0.1), (0.0, 0.0, 1.0)) / 3.0
+    assert not is_turn(K @ (turn + step) @ np.linalg.inv(K), lens, lens)
+
+
+def test_parts_that_were_laid_on_each_other_are_seen_by_what_is_missing() -> None:
+    whole = model_of(lambda _: SHARED, noise=0.0, step=0.12)
+    assert missing_share(whole) == 0.0
+    # Every second photo is of a copy of the place, in which only an eighth of the things are the same.
+    folded = pycolmap.Reconstruction(whole)
+    for number, point_id in enumerate(sorted(whole.points3D)):
+        if number % 8 == 0:
+            continue
+        of_copy = [element.image_id % 2 == number % 2 for element in whole.point3D(point_id).track.elements]
+        elements = whole.point3D(point_id).track.elements
+        for element, drop in zip(elements, of_copy, strict=True):
+            if drop and folded.exists_point3D(point_id):
+                folded.delete_observation(element.image_id, element.point2D_idx)
+    assert missing_share(folded) > 0.2
+
+
 def test_weak_mirrored_links_of_a_symmetric_building_do_not_count_against_strong_plain_ones() -> None:
     plain = [(200, i, i + 1, False) for i in range(5)]
     assert smaller_side(6, [*plain, (40, 0, 2, True)]) == []
@@ -149,6 +187,8 @@ def test_weak_mirrored_links_of_a_symmetric_building_do_not_count_against_strong
         ("panorama", "red", {"panorama_gain": 1.5}),
         ("fisheye", "red", {"fisheye_gain": 0.4}),
         ("repeated", "red", {"pairs": tuple(PairFit(i, i + 1, 80, 0.1 if i % 3 == 0 else 0.9) for i in range(12))}),
+        ("repeated", "red", {"missing": 0.2}),
+        ("one_place", "red", {"turned": 0.95}),
         ("several_scenes", "yellow", {"other_models": (("a.jpg", "b.jpg", "c.jpg", "d.jpg"),), "n_placed": 12}),
         ("one_place", "red", {"angle": 0.8}),
         ("few_placed", "yellow", {"n_placed": 7}),
@@ -196,6 +236,15 @@ def test_mirrored_photos_are_named_and_not_placed(room: Scene, tmp_path: Path) -
     said = [event.message for event in events if isinstance(event, Warned)]
     assert any("mirror images" in message and "02.png" in message and "05.png" in message for message in said)
     assert [event for event in events if isinstance(event, Progress)][-1].message == "6 of 8 photos placed"
+
+
+def test_given_cameras_with_a_wrong_focal_length_are_named(room: Scene) -> None:
+    longer = tuple(
+        dataclasses.replace(camera, params=(1.5 * camera.params[0], *camera.params[1:])) for camera in room.cameras
+    )
+    found = check_given_cameras(dataclasses.replace(as_given(room), cameras=longer), room.photo_set)
+    assert found.health is not None and (found.health.colour, found.health.cause) == ("red", "given_cameras")
+    assert "focal lengths" in found.health.sentence
 
 
 def as_given(room: Scene) -> CameraSet:
