@@ -29,8 +29,8 @@ _REFUTED_GIVEN = 0.5
 _SMALL_ANGLE = 2.0
 """Median ray angle in degrees below which depths are not known."""
 _FAR_FROM_LINES = 1.0
-"""Median distance in pixels of the matches from where given cameras say. True ones have 0.2, with a focal length that is
-10 % wrong 0.7, 50 % wrong 2.7."""
+"""Median distance in pixels of the matches from where given cameras say. True ones have 0.2, with a focal length that
+is 10 % wrong 0.7, 50 % wrong 2.7."""
 _OTHER_PLACE = 0.15
 """Share of the photos in other models from which on they are named as another scene."""
 _FEW_PLACED = 0.6
@@ -73,9 +73,9 @@ def _given(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | None:
         return CameraHealth(
             "red",
             "given_cameras",
-            f"The given cameras do not fit the photos: matches lie {evidence.distance:.1f} px from where the model says, "
-            "usually 0.2 to 0.5; its focal lengths, distortion or poses are not those of these photos: check it, or let "
-            "the cameras be estimated.",
+            f"The given cameras do not fit the photos: matches lie {evidence.distance:.1f} px from where the model "
+            "says, usually 0.2 to 0.5; its focal lengths, distortion or poses are not those of these photos: check it, "
+            "or let the cameras be estimated.",
         )
     if not refuted:
         return None

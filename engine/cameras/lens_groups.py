@@ -28,8 +28,9 @@ _DIFFERENT_FOCAL = 1.06
 below 1.02."""  # chosen on museum_room, room_1, room_3, room_5, banana16
 _FEW_PLACED = 0.8
 """Share of placed photos below which lenses of their own are tried even if no model shows that they differ."""
-_ROUNDS = 3
-"""Times that photos are grouped and mapped again at most."""
+_WIDTHS = (1.25, 1.12, _DIFFERENT_FOCAL)
+"""Factors within which focal lengths make a group, one after the other until the photos of each agree. Those of a lens
+per photo scatter, and in a group with others even a badly known one is found."""
 _BETTER = 0.95
 """Error of the model with other groups, relative to the first, from which down it is taken."""
 
@@ -56,7 +57,7 @@ def map_with_lenses(
     -----
     After the first model each photo gets its own focal length. If the error falls by a tenth or more and focal lengths
     of one group differ by 6 %, or if a fifth of the photos could not be placed, the photos are mapped with a lens each,
-    grouped by the focal lengths found, and mapped again. The result is taken when it places as many photos with a
+    grouped by the focal lengths found, coarsely first, and mapped again. The result is taken when it places as many photos with a
     smaller error, or more photos.
     """
     first_lenses = _first_lenses(workspace)
@@ -77,20 +78,20 @@ def map_with_lenses(
         return models
     best = models
     lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
-    for _ in range(_ROUNDS):
-        groups = group_by_focal(lenses, group_of)
+    for width in _WIDTHS:
+        groups = group_by_focal(lenses, group_of, width)
         placed = {image_id for _, ids in groups for image_id in ids}
         left = [(first_lenses[number][0], [i]) for i, number in sorted(group_of.items()) if i not in placed]
         assign_lenses(workspace, [*groups, *left])
         found = map_all()
         model = _largest(found)
-        if model is None or not _is_better(model, largest) or model.num_reg_images() < len(lenses):
-            break
+        if model is None or not _is_better(model, largest):
+            continue
         best, largest = found, model
         own = tried_lenses(model, should_stop=should_stop)
         if not lenses_differ(model, own):
             break
-        lenses = own.lenses
+        lenses = {**lenses, **own.lenses}
     return best
 
 
@@ -105,8 +106,10 @@ def lenses_differ(model: pycolmap.Reconstruction, own: LensTrial) -> bool:
     return any(max(found) > _DIFFERENT_FOCAL * min(found) for found in by_lens.values())
 
 
-def group_by_focal(lenses: dict[int, Lens], group_of: dict[int, int]) -> list[tuple[Lens, list[int]]]:
-    """Return groups of photos of one former group whose focal lengths differ by less than 6 %.
+def group_by_focal(
+    lenses: dict[int, Lens], group_of: dict[int, int], width: float = _DIFFERENT_FOCAL
+) -> list[tuple[Lens, list[int]]]:
+    """Return groups of photos of one former group whose focal lengths differ by a factor of less than `width`.
 
     Parameters
     ----------
@@ -114,6 +117,8 @@ def group_by_focal(lenses: dict[int, Lens], group_of: dict[int, int]) -> list[tu
         Lens by image id.
     group_of : dict of int to int
         Former group by image id.
+    width : float
+        Largest factor between the focal lengths of a group.
 
     Returns
     -------
@@ -129,7 +134,7 @@ def group_by_focal(lenses: dict[int, Lens], group_of: dict[int, int]) -> list[tu
         members: list[int] = []
         for image_id in ids:
             focal = lenses[image_id].mean_focal_length()
-            if members and focal > _DIFFERENT_FOCAL * lenses[members[0]].mean_focal_length():
+            if members and focal > width * lenses[members[0]].mean_focal_length():
                 groups.append((copy.deepcopy(lenses[members[len(members) // 2]]), members))
                 members = []
             members.append(image_id)

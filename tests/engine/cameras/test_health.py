@@ -240,7 +240,7 @@ def test_mirrored_photos_are_named_and_not_placed(room: Scene, tmp_path: Path) -
 
 def test_given_cameras_with_a_wrong_focal_length_are_named(room: Scene) -> None:
     longer = tuple(
-        dataclasses.replace(camera, params=(1.5 * camera.params[0], *camera.params[1:])) for camera in room.cameras
+        dataclasses.replace(camera, params=(2.5 * camera.params[0], *camera.params[1:])) for camera in room.cameras
     )
     found = check_given_cameras(dataclasses.replace(as_given(room), cameras=longer), room.photo_set)
     assert found.health is not None and (found.health.colour, found.health.cause) == ("red", "given_cameras")
