@@ -17,7 +17,6 @@ from .lens_trials import LensTrial, capped_error, tried_lenses
 
 __all__ = ["assign_lenses", "group_by_focal", "lenses_differ", "map_with_lenses"]
 
-Lens = pycolmap.Camera
 MapAll = Callable[[], list[pycolmap.Reconstruction]]
 
 _LOWER_ERROR = 0.9
@@ -57,8 +56,8 @@ def map_with_lenses(
     -----
     After the first model each photo gets its own focal length. If the error falls by a tenth or more and focal lengths
     of one group differ by 6 %, or if a fifth of the photos could not be placed, the photos are mapped with a lens each,
-    grouped by the focal lengths found, coarsely first, and mapped again. The result is taken when it places as many photos with a
-    smaller error, or more photos.
+    grouped by the focal lengths found, coarsely first, and mapped again. The result is taken when it places as many
+    photos with a smaller error, or more photos.
     """
     first_lenses = _first_lenses(workspace)
     assign_lenses(workspace, first_lenses)
@@ -107,14 +106,14 @@ def lenses_differ(model: pycolmap.Reconstruction, own: LensTrial) -> bool:
 
 
 def group_by_focal(
-    lenses: dict[int, Lens], group_of: dict[int, int], width: float = _DIFFERENT_FOCAL
-) -> list[tuple[Lens, list[int]]]:
+    lenses: dict[int, pycolmap.Camera], group_of: dict[int, int], width: float = _DIFFERENT_FOCAL
+) -> list[tuple[pycolmap.Camera, list[int]]]:
     """Return groups of photos of one former group whose focal lengths differ by a factor of less than `width`.
 
     Parameters
     ----------
     lenses : dict of int to pycolmap.Camera
-        Lens by image id.
+        pycolmap.Camera by image id.
     group_of : dict of int to int
         Former group by image id.
     width : float
@@ -125,7 +124,7 @@ def group_by_focal(
     list of (pycolmap.Camera, list of int)
         A lens with the median focal length, and the photos that share it.
     """
-    groups: list[tuple[Lens, list[int]]] = []
+    groups: list[tuple[pycolmap.Camera, list[int]]] = []
     for number in sorted(set(group_of.values())):
         ids = sorted(
             (image_id for image_id in lenses if group_of[image_id] == number),
@@ -143,7 +142,7 @@ def group_by_focal(
     return groups
 
 
-def assign_lenses(workspace: SfmWorkspace, groups: Sequence[tuple[Lens, Iterable[int]]]) -> None:
+def assign_lenses(workspace: SfmWorkspace, groups: Sequence[tuple[pycolmap.Camera, Iterable[int]]]) -> None:
     """Give the photos of the database new lenses: one for the image ids of each group."""
     with opened_database(workspace.database) as database:
         frames = {frame.frame_id: frame for frame in database.read_all_frames()}
@@ -165,7 +164,7 @@ def assign_lenses(workspace: SfmWorkspace, groups: Sequence[tuple[Lens, Iterable
                 database.update_image(image)
 
 
-def _first_lenses(workspace: SfmWorkspace) -> list[tuple[Lens, list[int]]]:
+def _first_lenses(workspace: SfmWorkspace) -> list[tuple[pycolmap.Camera, list[int]]]:
     """Return the lens that each group of copies began with, whatever a stopped run assigned since."""
     with opened_database(workspace.database) as database:
         lenses = {lens.camera_id: lens for lens in database.read_all_cameras()}
