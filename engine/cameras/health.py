@@ -23,7 +23,8 @@ TURNED = 0.9
 """Share of strong pairs that a turn of the camera explains, from which on it stood on one place."""
 _MISSING = 0.07
 """Share of near views that lack the points of their neighbours from which on parts were taken for one: sound sets have
-at most 0.03, equal walls of box rooms 0.1 to 0.2."""  # chosen on museum_room, room_1, room_3, room_5, room_7, banana16, herz_jesus25
+at most 0.03, equal walls of box rooms 0.1 to 0.2."""
+# chosen on museum_room, room_1, room_3, room_5, room_7, banana16, herz_jesus25
 _REFUTED_GIVEN = 0.5
 """Share of refuted photos from which on the whole given model is wrong."""
 _SMALL_ANGLE = 2.0
@@ -141,7 +142,9 @@ def _of_pictures(evidence: Evidence) -> CameraHealth | None:
 def _of_scenes(evidence: Evidence) -> CameraHealth | None:
     others = [names for names in evidence.other_models if len(names) >= 3]
     n_others = len({name for names in others for name in names})
-    if n_others >= _OTHER_PLACE * evidence.n_photos:
+    share = n_others / evidence.n_photos
+    most_missing = evidence.n_placed < _FEW_PLACED * evidence.n_photos
+    if share >= (0.5 * _OTHER_PLACE if most_missing else _OTHER_PLACE):
         return CameraHealth(
             "yellow",
             "several_scenes",
