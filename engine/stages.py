@@ -168,9 +168,10 @@ def cameras_stage(
 
     def compute() -> dict[str, Any]:
         if camera_model is not None:
-            from .cameras import read_cameras
+            from .cameras import check_given_cameras, read_cameras
 
             camera_set = read_cameras(camera_model, photo_set, emit=runner.emit, should_stop=runner.should_stop)
+            camera_set = check_given_cameras(camera_set, photo_set, emit=runner.emit, should_stop=runner.should_stop)
         else:
             from .cameras import estimate_cameras
 
@@ -199,6 +200,7 @@ def cameras_stage(
             "reprojection_error": camera_set.reprojection_error,
             "poses_given": camera_set.poses_given,
             "n_points": len(camera_set.points),
+            "health": None if camera_set.health is None else asdict(camera_set.health),
         }
 
     poses, points = folder / "cameras.json", folder / "points.npz"

@@ -21,6 +21,8 @@ from .translations import translated
 __all__ = ["CLASSES"]
 
 _NEXT_STEP_HEIGHT = 1.6
+_HEALTH_ICONS = {"yellow": "INFO", "red": "ERROR"}
+"""Colours of the cameras' health that are shown; nothing is said of green ones."""
 
 
 class HERITAGE_PT_scene(bpy.types.Panel):
@@ -98,6 +100,8 @@ def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         draw_text(
             layout, "Another Blender has this project open. What both store, only the later one keeps.", icon="ERROR"
         )
+    if properties.camera_colour in _HEALTH_ICONS:
+        draw_text(layout, properties.camera_health, icon=_HEALTH_ICONS[properties.camera_colour])
     row = layout.row(align=True)
     row.operator("heritage.show_folder", text="Folder", icon="FILE_FOLDER")
     if report_file(project).is_file():

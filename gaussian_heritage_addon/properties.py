@@ -256,6 +256,12 @@ class HeritageScene(bpy.types.PropertyGroup):
     project: Annotated[
         str, StringProperty(name="Project", description="Project folder of this scene", subtype="DIR_PATH")
     ]
+    camera_colour: Annotated[
+        str, StringProperty(name="Colour of the Cameras' Health", description="green, yellow or red; empty if unknown")
+    ]
+    camera_health: Annotated[
+        str, StringProperty(name="Health of the Cameras", description="What the photos say about their cameras")
+    ]
     prompt: Annotated[
         str,
         StringProperty(

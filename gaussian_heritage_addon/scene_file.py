@@ -163,6 +163,9 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
             splats.object[key] = value
     scene.heritage.project = str(project)
     if camera_set is not None:
+        health = camera_set.health
+        scene.heritage.camera_colour = "" if health is None else health.colour
+        scene.heritage.camera_health = "" if health is None else health.sentence
         collection = new_collection(scene.collection, f"{name} Cameras")
         add_cameras(camera_set.cameras, collection)
         if scene.camera is None and camera_set.cameras:

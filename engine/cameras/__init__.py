@@ -9,6 +9,7 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .features import SfmWorkspace, match_features
     from .given import has_points, read_cameras
+    from .given_check import check_given_cameras
     from .model_places import files_of_model
     from .normalise import normalised_points, normalised_viewmat, original_from_world
     from .sfm import estimate_cameras
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SfmWorkspace",
+    "check_given_cameras",
     "covering_pinhole",
     "distort",
     "estimate_cameras",

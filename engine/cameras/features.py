@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import CameraError, DiskError, FormatError
 from ..events import StopCheck
@@ -24,7 +25,7 @@ from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
 from .settings import CameraSettings
 from .working_copies import WorkingCopy, plan_copies, write_copies, write_default_masks
 
-__all__ = ["SfmWorkspace", "match_features"]
+__all__ = ["SfmWorkspace", "largest_features", "match_features"]
 
 _Report = Callable[[float, str], None]
 
@@ -253,20 +254,26 @@ def _no_progress() -> None:
     """Report no progress within a batch."""
 
 
+def largest_features(database: Path, names: Sequence[str]) -> list[NDArray[np.float32]]:
+    """Return the descriptors [K, 128] of the largest features of each copy, see `largest_descriptors`."""
+    descriptors = []
+    with opened_database(database) as opened:
+        ids = {image.name: image.image_id for image in opened.read_all_images()}
+        for name in names:
+            keypoints = opened.read_keypoints(ids[name])
+            # Columns: x, y and the feature's affine shape [[a11, a12], [a21, a22]].
+            scales = np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
+            data = np.asarray(opened.read_descriptors(ids[name]).data)
+            descriptors.append(largest_descriptors(scales, data.reshape(-1, _DESCRIPTOR_DIM), photos=len(names)))
+    return descriptors
+
+
 def _select_pairs(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) -> list[Pair]:
     """Return pairs of indices into ``workspace.copies``."""
     count = len(workspace.copies)
     if count <= workspace.settings.exhaustive_up_to:
         return all_pairs(count)
-    descriptors = []
-    with opened_database(workspace.database) as database:
-        ids = {image.name: image.image_id for image in database.read_all_images()}
-        for copy in workspace.copies:
-            keypoints = database.read_keypoints(ids[copy.name])
-            # Columns: x, y and the feature's affine shape [[a11, a12], [a21, a22]].
-            scales = np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
-            data = np.asarray(database.read_descriptors(ids[copy.name]).data)
-            descriptors.append(largest_descriptors(scales, data.reshape(-1, _DESCRIPTOR_DIM), photos=count))
+    descriptors = largest_features(workspace.database, [copy.name for copy in workspace.copies])
     return promising_pairs(
         descriptors,
         neighbours=workspace.settings.neighbours,

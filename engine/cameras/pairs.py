@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from ..errors import Cancelled
 from ..events import StopCheck
 
-__all__ = ["all_pairs", "largest_descriptors", "promising_pairs"]
+__all__ = ["MIN_QUICK_MATCHES", "all_pairs", "largest_descriptors", "promising_pairs", "quick_matches"]
 
 Float32 = NDArray[np.float32]
 Pair = tuple[int, int]
 
-_MIN_QUICK_MATCHES = 12
+MIN_QUICK_MATCHES = 12
 """Mutual best matches among the largest features from which on a pair is matched in full."""
 _RATIO = 0.8
 """Lowe's ratio: the distance of a match at most, relative to the second nearest descriptor."""
@@ -87,7 +87,7 @@ def promising_pairs(
     quick = np.zeros((count, count), dtype=np.int64)
     for i in range(count):
         for j in range(i + 1, count):
-            quick[i, j] = quick[j, i] = _quick_matches(descriptors[i], descriptors[j])
+            quick[i, j] = quick[j, i] = quick_matches(descriptors[i], descriptors[j])
         report((i + 1) * (2 * count - i - 1) / (count * count))
         if should_stop():
             raise Cancelled("Stopped while selecting pairs of photos. The next run continues from here.")
@@ -95,13 +95,14 @@ def promising_pairs(
     for i in range(count):
         order = [int(j) for j in np.argsort(-quick[i], kind="stable") if j != i]
         for rank, j in enumerate(order[:_MAX_PARTNERS]):
-            if quick[i, j] >= _MIN_QUICK_MATCHES or rank < neighbours:
+            if quick[i, j] >= MIN_QUICK_MATCHES or rank < neighbours:
                 kept.add((min(i, j), max(i, j)))
         kept.update((i, j) for j in range(i + 1, min(count, i + 1 + _NEXT_PHOTOS)))
     return sorted(kept)
 
 
-def _quick_matches(first: Float32, second: Float32) -> int:
+def quick_matches(first: Float32, second: Float32) -> int:
+    """Return the number of mutual best matches between descriptors [K, 128] that pass Lowe's ratio test."""
     if len(first) < 2 or len(second) < 2:
         return 0
     cosine = first @ second.T

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene import Camera, CameraSet
+from ..scene import Camera, CameraHealth, CameraSet
 from .colmap import pycolmap
 from .normalise import normalised_points, normalised_viewmat, original_from_world
 
@@ -66,6 +66,7 @@ def camera_set(
     *,
     reprojection_error: float,
     poses_given: bool,
+    health: CameraHealth | None = None,
 ) -> CameraSet:
     """Return a normalised `CameraSet` of `cameras` and `points`, which are in the same original frame.
 
@@ -83,6 +84,8 @@ def camera_set(
         Mean error in pixels; NaN or negative when unknown.
     poses_given : bool
         Whether the user supplied the poses.
+    health : CameraHealth, optional
+        Finding of the health check.
     """
     ordered = sorted(cameras, key=lambda camera: camera.photo)
     similarity = original_from_world([camera.viewmat for camera in ordered], points)
@@ -97,4 +100,5 @@ def camera_set(
         reprojection_error=float(reprojection_error) if reprojection_error >= 0.0 else math.nan,
         original_from_world=similarity,
         poses_given=poses_given,
+        health=health,
     )

@@ -12,10 +12,14 @@ from pathlib import Path
 from ..errors import CameraError
 from ..events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..files import delete_derived
-from ..scene import CameraSet, PhotoSet
+from ..scene import CameraHealth, CameraSet, PhotoSet
 from .colmap import pycolmap
 from .colmap_calls import wait_for
+from .evidence import Evidence, PairFit, fit_of_pairs, measure_model, panorama_gain, turned_share
 from .features import SfmWorkspace, match_features
+from .health import TURNED, judge, refuted_images
+from .lens_groups import map_with_lenses
+from .mirrored import mirrored_photos
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
 from .settings import CameraSettings
 from .still_background import still_background
@@ -25,6 +29,8 @@ __all__ = ["estimate_cameras"]
 _STAGE = "cameras"
 _MATCHED = 0.85
 """Fraction of the run time after matching."""
+_MAPPED = 0.97
+"""Fraction of the run time after mapping."""
 _HINT = (
     "Likely causes: too few photos, too little overlap between them, plain surfaces without texture, or blur. "
     "Take more sharp photos that overlap by two thirds, walking around the object."
@@ -80,22 +86,27 @@ def estimate_cameras(
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    models = _map(workspace, progress, should_stop)
+    models = map_with_lenses(workspace, lambda: _map(workspace, progress, should_stop), should_stop=should_stop)
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
     still = still_background(workspace) if placed < count else None
     if largest is None or placed < settings.min_registered:
-        raise CameraError(
-            f"Only {placed} of {count} photos could be placed. {_HINT if still is None else still.sentence}"
-        )
+        cause = _cause(workspace, should_stop) if still is None else still.sentence
+        raise CameraError(f"Only {placed} of {count} photos could be placed. {cause}")
     if still is not None:
         emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
     _warn_of_other_models(workspace, models, largest, emit)
-    result = _as_camera_set(workspace, largest)
+    progress(_MAPPED, "checking the cameras")
+    result = _as_camera_set(workspace, largest, _check(workspace, models, largest, should_stop))
+    health = result.health
+    if health is not None and health.colour != "green":
+        emit(Warned(health.sentence))
     emit(Metric(_STAGE, "registered_photos", float(placed)))
     emit(Metric(_STAGE, "sparse_points", float(len(result.points))))
     emit(Metric(_STAGE, "reprojection_error_px", result.reprojection_error))
-    progress(1.0, f"{placed} of {count} photos placed")
+    refuted = health is not None and health.colour == "red" and len(result.cameras) == placed
+    placed = len(result.cameras)
+    progress(1.0, f"{placed} of {count} photos {'have cameras, which the photos refute' if refuted else 'placed'}")
     return result
 
 
@@ -150,7 +161,7 @@ def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: Stop
 
     def report() -> None:
         n_placed = min(placed, count)
-        progress(_MATCHED + 0.99 * (1.0 - _MATCHED) * n_placed / count, f"{n_placed} of {count} photos placed")
+        progress(_MATCHED + (_MAPPED - _MATCHED) * n_placed / count, f"{n_placed} of {count} photos placed")
 
     pycolmap.set_random_seed(settings.seed)
     models = wait_for(
@@ -190,11 +201,61 @@ def _photo_names(workspace: SfmWorkspace, model: pycolmap.Reconstruction) -> lis
     return [workspace.copy_of(model.image(image_id).name).photo.name for image_id in model.reg_image_ids()]
 
 
-def _as_camera_set(workspace: SfmWorkspace, model: pycolmap.Reconstruction) -> CameraSet:
+def _cause(workspace: SfmWorkspace, should_stop: StopCheck) -> str:
+    """Return why hardly a photo could be placed, and what to do."""
+    if mirrored := _mirrored(workspace, should_stop):
+        return f"Photos are mirror images of the others ({', '.join(mirrored)}): flip them back."
+    if turned_share(workspace.database) >= TURNED:
+        return (
+            "The photos were taken from one place, with the camera turned, so no distances can be found: walk around "
+            "the object."
+        )
+    return _HINT
+
+
+def _mirrored(workspace: SfmWorkspace, should_stop: StopCheck) -> tuple[str, ...]:
+    names = [copy.name for copy in workspace.copies]
+    found = mirrored_photos(workspace.database, names, should_stop=should_stop)
+    return tuple(workspace.copy_of(name).photo.name for name in found)
+
+
+def _check(
+    workspace: SfmWorkspace,
+    models: list[pycolmap.Reconstruction],
+    model: pycolmap.Reconstruction,
+    should_stop: StopCheck,
+) -> CameraHealth:
+    """Return what the photos say against the cameras of `model`."""
+    pairs: tuple[PairFit, ...] = fit_of_pairs(model, workspace.database)
+    kept = set(_photo_names(workspace, model))
+    lenses = {image_id: model.camera(model.image(image_id).camera_id) for image_id in model.reg_image_ids()}
+    evidence = Evidence(
+        n_photos=len(workspace.copies),
+        n_placed=model.num_reg_images(),
+        error=model.compute_mean_reprojection_error(),
+        pairs=pairs,
+        turned=turned_share(workspace.database),
+        panorama_gain=panorama_gain(workspace.database, lenses),
+        other_models=tuple(tuple(sorted(set(_photo_names(workspace, other)) - kept)) for other in models),
+        mirrored=(mirrored := _mirrored(workspace, should_stop)),
+        mirrored_placed=tuple(name for name in mirrored if name in kept),
+        **measure_model(model, should_stop=should_stop),  # type: ignore[arg-type]
+    )
+    refuted = [workspace.copy_of(model.image(image_id).name).photo.name for image_id in refuted_images(pairs)]
+    return judge(evidence, refuted=sorted(refuted))
+
+
+def _as_camera_set(workspace: SfmWorkspace, model: pycolmap.Reconstruction, health: CameraHealth) -> CameraSet:
+    """Return the cameras of `model` without the photos whose place is refuted, if others stay."""
+    left_out = set(health.refuted)
+    if model.num_reg_images() - len(left_out) < workspace.settings.min_registered:
+        left_out = set()
     cameras = []
     for image_id in model.reg_image_ids():
         image = model.image(image_id)
         photo = workspace.copy_of(image.name).photo
+        if photo.name in left_out:
+            continue
         cameras.append(
             camera_in_photo(photo.name, model.camera(image.camera_id), photo.width, photo.height, viewmat_of(image))
         )
@@ -206,4 +267,5 @@ def _as_camera_set(workspace: SfmWorkspace, model: pycolmap.Reconstruction) -> C
         colors,
         reprojection_error=model.compute_mean_reprojection_error(),
         poses_given=False,
+        health=health,
     )

@@ -17,7 +17,7 @@ from .normalise import normalised_viewmat, original_from_world
 from .reconstruction import points_of
 from .settings import CameraSettings
 
-__all__ = ["triangulate"]
+__all__ = ["posed_model", "triangulate"]
 
 Float64 = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def triangulate(
     )
     # Normalised, because COLMAP's thresholds and float precision suit unit sizes near the origin.
     similarity = original_from_world([camera.viewmat for camera in cameras], np.zeros((0, 3)))
-    model = _posed_model(workspace, by_photo, similarity)
+    model = posed_model(workspace, by_photo, similarity)
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = settings.seed
     # As in `sfm`, so that the points are the same in every run.
@@ -83,7 +83,7 @@ def triangulate(
     return points @ similarity[:3, :3].T + similarity[:3, 3], colors, model.compute_mean_reprojection_error()
 
 
-def _posed_model(workspace: SfmWorkspace, by_photo: dict[str, Camera], similarity: Float64) -> pycolmap.Reconstruction:
+def posed_model(workspace: SfmWorkspace, by_photo: dict[str, Camera], similarity: Float64) -> pycolmap.Reconstruction:
     """Return a model with the given poses, and with the lenses and ids of the database."""
     model = pycolmap.Reconstruction()
     with opened_database(workspace.database) as database:

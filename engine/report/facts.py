@@ -23,6 +23,7 @@ _FIGURES: dict[str, Schema] = {
         "unregistered": optional([str]),
         "reprojection_error": _NUMBER,
         "poses_given": optional(bool),
+        "health": optional(({"colour": str, "sentence": str}, None)),
     },
     "masks": {
         "n_photos": _NUMBER,

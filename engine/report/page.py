@@ -38,6 +38,8 @@ _LIMIT_NAMES = {
     "opacities_at_limit": "at the lowest or highest opacity",
 }
 
+_BAD = ("yellow", "red")
+"""Colours of the cameras' health whose sentence stands above everything else."""
 _LOW_AGREEMENT = 0.8
 """Agreement with its mask below which an object is marked: museum_room has 0.74 to 0.98."""
 _LOW = (
@@ -111,11 +113,14 @@ def _head(facts: dict[str, Any]) -> Html:
         ("SSIM", _number(last.get("ssim"), "{:.3f}")),
         ("total run time", _duration(sum(stage["wall_seconds"] for stage in facts["stages"]))),
     ]
+    health = cameras.get("health") or {}
     waiting = [_stage_name(stage).lower() for stage in facts["not_done"] if stage not in ("objects", "masks")]
     return fill(
-        '<header><p>Gaussian Heritage report</p><h1>{title}</h1></header><div class="tiles">{tiles}</div>{note}',
+        "<header><p>Gaussian Heritage report</p><h1>{title}</h1></header>"
+        '{health}<div class="tiles">{tiles}</div>{note}',
         title=facts["title"],
         tiles=joined(fill("<div><b>{}</b><span>{}</span></div>", value, name) for name, value in tiles if value),
+        health=fill('<p class="low">{}</p>', health["sentence"]) if health.get("colour") in _BAD else Html(),
         note=fill('<p class="note">Not done yet: {}.</p>', ", ".join(waiting)) if waiting else "",
     )
 
@@ -233,6 +238,7 @@ def _photos(facts: dict[str, Any]) -> Html:
         ("registered", _count(cameras.get("n_registered"))),
         ("reprojection error", _number(cameras.get("reprojection_error"), "{:.2f} px")),
         ("camera poses", "given" if cameras.get("poses_given") else "estimated" if cameras else ""),
+        ("health of the cameras", (cameras.get("health") or {}).get("colour", "")),
         ("photos with segments", _count(facts["masks"].get("n_photos"))),
         ("time per segmented photo", _number(facts["masks"].get("seconds_per_photo"), "{:.1f} s")),
     ]

@@ -6,6 +6,7 @@ NumPy only, because the add-on imports this package into Blender.
 from __future__ import annotations
 
 from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera
+from .camera_health import CameraHealth
 from .camera_storage import camera_problem, read_camera_set, write_camera_set
 from .extents import box_of, far_gaussians, foot_of
 from .framing import looked_at
@@ -26,6 +27,7 @@ __all__ = [
     "MAX_PHOTO_SIDE",
     "NameMatches",
     "Camera",
+    "CameraHealth",
     "CameraSet",
     "ExportFrame",
     "Gaussians",

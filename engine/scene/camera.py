@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .camera_health import CameraHealth
+
 __all__ = ["MAX_COORDINATE", "Camera", "CameraSet", "Lens", "PinholeCamera"]
 
 Float64 = NDArray[np.float64]
@@ -122,6 +124,8 @@ class CameraSet:
         estimated or given.
     poses_given : bool
         True when the poses were read from the user's own model, not estimated here.
+    health : CameraHealth or None
+        What the photos say against the cameras; None where nothing was checked.
     """
 
     cameras: tuple[Camera, ...]
@@ -131,6 +135,7 @@ class CameraSet:
     reprojection_error: float
     original_from_world: Float64
     poses_given: bool
+    health: CameraHealth | None = None
 
     @property
     def by_photo(self) -> dict[str, Camera]:

@@ -5,6 +5,7 @@ Units and axes are those of `engine.scene.camera`: lens parameters in pixels of 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..files import ArraySpec, atomic_write, read_arrays, read_versioned, write_json
+from ..files import ArraySpec, atomic_write, optional, read_arrays, read_versioned, write_json
 from .camera import MAX_COORDINATE, Camera, CameraSet
+from .camera_health import HEALTH_COLOURS, CameraHealth
 from .lens import lens_problem
 from .photo_storage import photo_name, size_problem
 
@@ -27,6 +29,8 @@ _SCHEMA = {
     "reprojection_error": (float, None),
     "original_from_world": [[float]],
     "unregistered": [str],
+    # Missing in files of earlier releases, which checked nothing, and null where nothing could be checked.
+    "health": optional(({"colour": str, "cause": str, "sentence": str, "refuted": [str]}, None)),
     "cameras": [{"photo": str, "width": int, "height": int, "model": str, "params": [float], "viewmat": [[float]]}],
 }
 _ARRAYS = {"points": ArraySpec("float32", ("n", 3), finite=True), "colors": ArraySpec("uint8", ("n", 3))}
@@ -56,6 +60,7 @@ def write_camera_set(path: Path, camera_set: CameraSet) -> None:
             "reprojection_error": error if math.isfinite(error) else None,
             "original_from_world": camera_set.original_from_world.tolist(),
             "unregistered": list(camera_set.unregistered),
+            "health": None if camera_set.health is None else dataclasses.asdict(camera_set.health),
             "cameras": [
                 {
                     "photo": camera.photo,
@@ -96,9 +101,19 @@ def read_camera_set(path: Path) -> CameraSet:
             reprojection_error=math.nan if error is None else float(error),
             original_from_world=_similarity(data["original_from_world"]),
             poses_given=data["poses_given"],
+            health=_health(data.get("health")),
         )
     except ValueError as problem:
         raise FormatError(f"{file} cannot be read: {problem}. {advice}") from problem
+
+
+def _health(entry: dict[str, Any] | None) -> CameraHealth | None:
+    """Return the finding of an entry; raises `ValueError` for a colour that does not exist."""
+    if entry is None:
+        return None
+    if entry["colour"] not in HEALTH_COLOURS:
+        raise ValueError(f"`health.colour` is {entry['colour']!r}, not one of {', '.join(HEALTH_COLOURS)}")
+    return CameraHealth(entry["colour"], entry["cause"], entry["sentence"], tuple(map(photo_name, entry["refuted"])))
 
 
 def _cameras(entries: list[dict[str, Any]]) -> tuple[Camera, ...]:

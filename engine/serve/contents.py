@@ -93,6 +93,8 @@ def _photos(project: WebProject) -> list[dict[str, Any]]:
         if cameras is not None:
             without = [str(name) for name in (cameras.get("figures") or {}).get("unregistered", ())]
             rejected.update(dict.fromkeys(without, "No camera position was found for it."))
+            refuted = _health(cameras).get("refuted", ())
+            rejected.update(dict.fromkeys(map(str, refuted), "The other photos refute its camera position."))
         used = set(project.photo_names()) - set(rejected)
     return [
         {
@@ -110,7 +112,18 @@ def _scene(project: WebProject) -> dict[str, Any] | None:
     if record is None or not has_scene(project):
         return None
     figures = record.get("figures") or {}
-    return {"n_gaussians": figures.get("n_gaussians"), "psnr": figures.get("psnr")}
+    health = _health(_stage(project, "cameras") or {})
+    return {
+        "n_gaussians": figures.get("n_gaussians"),
+        "psnr": figures.get("psnr"),
+        "cameras": "" if health.get("colour") in (None, "green") else str(health.get("sentence", "")),
+    }
+
+
+def _health(cameras: dict[str, Any]) -> dict[str, Any]:
+    """Return the finding of the check of the cameras; empty where an earlier release made them."""
+    found = (cameras.get("figures") or {}).get("health")
+    return found if isinstance(found, dict) else {}
 
 
 def _stage(project: WebProject, name: str) -> dict[str, Any] | None:

@@ -118,6 +118,18 @@ def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> Non
     assert "gradient was not finite" not in checker.text, "a guard that never fired is not listed"
 
 
+def test_report_says_first_that_the_photos_refute_their_cameras(project: ProjectFolder) -> None:
+    figures = dict((project.stage_record("cameras") or {})["figures"])
+    figures["health"] = {"colour": "green", "cause": "", "sentence": "All is well.", "refuted": []}
+    project.finish_stage("cameras", "key", wall_seconds=1.0, cpu_seconds=1.0, figures=figures)
+    text = read(build_report(project)).text
+    assert "green" in text and "All is well." not in text
+    figures["health"] = {"colour": "red", "cause": "mirrored", "sentence": "Flip <them> back.", "refuted": ["a.jpg"]}
+    project.finish_stage("cameras", "key", wall_seconds=1.0, cpu_seconds=1.0, figures=figures)
+    text = read(build_report(project)).text
+    assert text.index("Flip <them> back.") < text.index("photos used")
+
+
 def test_report_says_when_with_what_and_from_what_it_was_made(project: ProjectFolder) -> None:
     photo = Photo("view_0.png", 160, 120, None, "ab" * 32)
     write_photo_set(project.path / "photos" / "photos.json", PhotoSet(Path("photos"), (photo,), ()))

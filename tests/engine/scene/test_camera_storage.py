@@ -12,6 +12,7 @@ import pytest
 
 from engine.errors import FormatError
 from engine.scene.camera import Camera, CameraSet
+from engine.scene.camera_health import CameraHealth
 from engine.scene.camera_storage import read_camera_set, write_camera_set
 
 from ..cameras.conftest import looking_at
@@ -50,6 +51,29 @@ def test_a_camera_set_is_read_as_written(tmp_path: Path, points: int, error: flo
         else:
             assert a == b or (math.isnan(a) and math.isnan(b))
     assert not list(tmp_path.rglob(".writing-*"))
+
+
+def test_the_health_of_the_cameras_survives(tmp_path: Path) -> None:
+    health = CameraHealth("red", "given_cameras", "The given cameras of z.png do not fit.", ("z.png",))
+    write_camera_set(tmp_path, dataclasses.replace(camera_set(), health=health))
+    assert read_camera_set(tmp_path).health == health
+
+
+def test_cameras_of_an_earlier_release_have_no_health(tmp_path: Path) -> None:
+    write_camera_set(tmp_path, camera_set())
+    file = tmp_path / "cameras.json"
+    data = json.loads(file.read_text(encoding="utf-8"))
+    del data["health"]
+    file.write_text(json.dumps(data), encoding="utf-8")
+    assert read_camera_set(tmp_path).health is None
+
+
+def test_a_health_of_no_colour_is_refused(tmp_path: Path) -> None:
+    write_camera_set(tmp_path, dataclasses.replace(camera_set(), health=CameraHealth("red", "unclear", "Bad.")))
+    file = tmp_path / "cameras.json"
+    file.write_text(file.read_text(encoding="utf-8").replace('"red"', '"blue"'), encoding="utf-8")
+    with pytest.raises(FormatError, match="`health.colour` is 'blue'"):
+        read_camera_set(tmp_path)
 
 
 @pytest.mark.parametrize("damage", ["missing", "cut", "other version", "no points"])

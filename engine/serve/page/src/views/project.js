@@ -134,5 +134,6 @@ export function isActive(job) {
 function sceneFacts(project) {
   const parts = [plural(project.n_photos, "photo"), plural(project.scene.n_gaussians, "Gaussian")];
   if (project.scene.psnr) parts.push(`quality ${project.scene.psnr.toFixed(1)} dB (PSNR)`);
+  if (project.scene.cameras) parts.push(project.scene.cameras);
   return parts.join(" · ");
 }

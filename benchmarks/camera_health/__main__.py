@@ -1,0 +1,33 @@
+"""Command line of the benchmark of the cameras' health."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from benchmarks.documents import put_into
+
+from .cases import photo_cases
+from .running import run_case
+from .table import table
+
+
+def main() -> None:
+    """Run the photo sets that have no stored outcome, and print or store the table."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.camera_health", description=__doc__)
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/camera_health"), help="work folder (default: %(default)s)"
+    )
+    parser.add_argument("--only", default="", help="run only sets whose name contains this")
+    parser.add_argument("--doc", type=Path, help="document to put the table into")
+    arguments = parser.parse_args()
+    cases = [case for case in photo_cases(arguments.out / "rooms") if arguments.only in case.name]
+    outcomes = [run_case(case, arguments.out / "sets", lambda line: print(line, flush=True)) for case in cases]
+    text = table(outcomes)
+    print(text)
+    if arguments.doc:
+        put_into(arguments.doc, "camera_health", text)
+
+
+if __name__ == "__main__":
+    main()

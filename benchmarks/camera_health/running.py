@@ -1,0 +1,131 @@
+"""Runs the photo sets and keeps what was found, so that a stopped run continues."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine.cameras import check_given_cameras, estimate_cameras, read_cameras
+from engine.cameras.settings import CameraSettings
+from engine.errors import HeritageError
+from engine.events import Event, Warned
+from engine.photos import read_photos
+from engine.scene import CameraSet
+
+from .cases import PhotoCase
+
+__all__ = ["Outcome", "run_case"]
+
+_SETTINGS = CameraSettings(max_side=800, max_features=800, first_octave=0)
+_RIGHT = 0.03
+"""Median error of the positions, in the radius of the true ones, up to which a model is right."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What came of one photo set.
+
+    Attributes
+    ----------
+    name : str
+    causes : tuple of str
+        Causes that name the fault; empty for a sound set.
+    choosing : bool
+    n_photos, n_placed : int
+    error : float or None
+        Reprojection error in pixels.
+    position_error : float or None
+        Median error of the positions, in the radius of the true ones; None where these are unknown.
+    colour, cause, sentence : str
+        The finding; ``"refused"`` as colour where there was an error, whose sentence is then that of the error.
+    """
+
+    name: str
+    causes: tuple[str, ...]
+    choosing: bool
+    n_photos: int
+    n_placed: int
+    error: float | None
+    position_error: float | None
+    colour: str
+    cause: str
+    sentence: str
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the positions are right, so that nothing had to be named."""
+        return self.position_error is not None and self.position_error <= _RIGHT
+
+    @property
+    def is_named(self) -> bool:
+        """Whether the fault was named, or mended."""
+        named = self.colour != "green" and self.cause in self.causes
+        return named or (self.is_right and self.colour != "red" and "given" not in " ".join(self.causes))
+
+
+def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outcome:
+    """Return the outcome of a photo set, from `folder` if an earlier run stored it there."""
+    work = folder / re.sub(r"[^a-z0-9]+", "_", case.name.lower())
+    stored = work / "outcome.json"
+    if stored.is_file():
+        values = json.loads(stored.read_text(encoding="utf-8"))
+        return Outcome(**{**values, "causes": tuple(case.causes), "choosing": case.choosing})
+    shutil.rmtree(work / "photos", ignore_errors=True)
+    model = case.write(work / "photos")
+    photo_set = read_photos(work / "photos")
+    warned: list[str] = []
+
+    def emit(event: Event) -> None:
+        if isinstance(event, Warned):
+            warned.append(event.message)
+
+    found: dict[str, Any] = {"n_placed": 0, "error": None, "position_error": None}
+    try:
+        if model is None:
+            cameras = estimate_cameras(photo_set, work / "sfm", _SETTINGS, emit=emit)
+        else:
+            cameras = check_given_cameras(read_cameras(model, photo_set), photo_set, emit=emit)
+        health = cameras.health
+        found.update(
+            n_placed=len(cameras.cameras),
+            error=cameras.reprojection_error if np.isfinite(cameras.reprojection_error) else None,
+            position_error=_position_error(cameras, case),
+            colour="" if health is None else health.colour,
+            cause="" if health is None else health.cause,
+            sentence="" if health is None else health.sentence,
+        )
+    except HeritageError as error:
+        found.update(colour="refused", cause=_cause_of(str(error)), sentence=str(error))
+    outcome = Outcome(
+        name=case.name, causes=case.causes, choosing=case.choosing, n_photos=len(photo_set.photos), **found
+    )
+    stored.write_text(json.dumps(dataclasses.asdict(outcome), indent=1), encoding="utf-8")
+    say(f"{case.name}: {outcome.colour} {outcome.cause}")
+    return outcome
+
+
+def _cause_of(message: str) -> str:
+    """Return the cause that an error names; empty when it names none."""
+    words = {"mirror": "mirrored", "panorama": "panorama", "from one place": "one_place"}
+    return next((cause for word, cause in words.items() if word in message), "")
+
+
+def _position_error(cameras: CameraSet, case: PhotoCase) -> float | None:
+    known = [camera for camera in cameras.cameras if camera.photo in case.positions]
+    if len(known) < 3:
+        return None
+    found = np.array([camera.center for camera in known])
+    true = np.array([case.positions[camera.photo] for camera in known])
+    found, true = found - found.mean(0), true - true.mean(0)
+    u, s, vt = np.linalg.svd(true.T @ found)
+    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    scale = (s * np.diag(sign)).sum() / np.square(found).sum()
+    left = np.linalg.norm(scale * found @ (u @ sign @ vt).T - true, axis=1)
+    return float(np.median(left) / np.median(np.linalg.norm(true, axis=1)))

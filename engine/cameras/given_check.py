@@ -1,0 +1,94 @@
+"""Given cameras against their photos: features of neighbouring photos must lie where the cameras say."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import CameraError
+from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
+from ..scene import CameraHealth, CameraSet, PhotoSet
+from .evidence import Evidence, fit_of_pairs
+from .features import SfmWorkspace, match_features
+from .health import judge, refuted_images
+from .settings import CameraSettings
+from .triangulation import posed_model
+
+__all__ = ["check_given_cameras"]
+
+_SETTINGS = CameraSettings(max_side=640, max_features=1000, first_octave=0)
+"""Of the features that are matched for the check: fewer than for finding cameras, about a second a photo."""
+_MAX_PHOTOS = 200
+"""Photos that are checked, evenly spaced in the order of their names."""
+_KEPT_SHARE = 0.5
+"""Share of refuted photos up to which only these are left out; above it the whole model is in doubt."""
+
+
+def check_given_cameras(
+    camera_set: CameraSet, photo_set: PhotoSet, *, emit: Emit = ignore_events, should_stop: StopCheck = never_stop
+) -> CameraSet:
+    """Return given cameras with their health, without those whose photos they cannot belong to.
+
+    Parameters
+    ----------
+    camera_set : CameraSet
+        As read from a model.
+    photo_set : PhotoSet
+    emit : Emit
+        Receives `Progress`, and a `Warned` for a finding.
+    should_stop : StopCheck
+
+    Returns
+    -------
+    CameraSet
+        Photos that match their strongest partners nowhere near where the model says are unregistered, if they are less
+        than half of the photos; otherwise all cameras stay, with a red health.
+
+    Raises
+    ------
+    PhotoError, DiskError, Cancelled
+        As `match_features` raises them.
+    """
+    by_photo = camera_set.by_photo
+    placed = [photo for photo in photo_set.photos if photo.name in by_photo]
+    if len(placed) < 3:
+        return camera_set
+    chosen = sorted({round(i) for i in np.linspace(0, len(placed) - 1, min(len(placed), _MAX_PHOTOS))})
+    photos = PhotoSet(photo_set.folder, tuple(placed[index] for index in chosen), ())
+    with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:
+        workspace = SfmWorkspace(Path(folder), photos, _SETTINGS, by_photo)
+        try:
+            match_features(
+                workspace,
+                report=lambda done, message: emit(Progress("cameras", done, None, f"checking the cameras: {message}")),
+                should_stop=should_stop,
+            )
+        except CameraError:
+            # Photos without texture or overlap say nothing about their cameras.
+            return camera_set
+        model = posed_model(workspace, by_photo, np.eye(4))
+        pairs = fit_of_pairs(model, workspace.database)
+        names = {
+            image_id: workspace.copy_of(model.image(image_id).name).photo.name for image_id in model.reg_image_ids()
+        }
+    refuted = sorted(names[image_id] for image_id in refuted_images(pairs))
+    evidence = Evidence(len(photo_set.photos), len(photos.photos), camera_set.reprojection_error, pairs=pairs)
+    health = judge(evidence, poses_given=True, refuted=refuted)
+    if health.colour != "green":
+        emit(Warned(health.sentence))
+    return _without_refuted(camera_set, health, len(photos.photos))
+
+
+def _without_refuted(camera_set: CameraSet, health: CameraHealth, n_checked: int) -> CameraSet:
+    refuted = set(health.refuted)
+    if len(refuted) >= _KEPT_SHARE * n_checked:
+        return dataclasses.replace(camera_set, health=health)
+    return dataclasses.replace(
+        camera_set,
+        cameras=tuple(camera for camera in camera_set.cameras if camera.photo not in refuted),
+        unregistered=tuple(sorted({*camera_set.unregistered, *refuted})),
+        health=health,
+    )

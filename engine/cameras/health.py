@@ -1,0 +1,254 @@
+"""The health check of the cameras: what the evidence says, as a colour, a likely cause and one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..scene import CameraHealth
+from .evidence import MUCH_BETTER, Evidence, PairFit
+
+__all__ = ["TURNED", "judge", "refuted_images"]
+
+_DEPARTURE = 0.03
+"""Departure of an aspect (as a logarithm) or of a principal point (in sides of the photo) that counts: 3 %."""
+_PANORAMA_GAIN = 1.2
+"""Matches that agree with panoramas, for each that agrees with ordinary photos, of photos that are panoramas."""
+_HIGH_ERROR, _REFUTING_ERROR = 0.6, 1.0
+"""Mean reprojection errors in pixels of the matched copies. Sound sets have 0.2 to 0.42, spoilt ones 0.3 to 1.3."""
+# chosen on museum_room, room_1, room_3, room_5, banana16
+_DISAGREEING = 0.2
+"""Share of the strongest pairs that disagree with the cameras from which on something is repeated or misplaced: sound
+sets have at most 0.06."""  # chosen on museum_room, room_1, room_3, room_5, banana16
+TURNED = 0.9
+"""Share of strong pairs that a turn of the camera explains, from which on it stood on one place."""
+_MISSING = 0.07
+"""Share of near views that lack the points of their neighbours from which on parts were taken for one: sound sets have
+at most 0.03, equal walls of box rooms 0.1 to 0.2."""
+# chosen on museum_room, room_1, room_3, room_5, room_7, banana16, herz_jesus25
+_REFUTED_GIVEN = 0.5
+"""Share of refuted photos from which on the whole given model is wrong."""
+_SMALL_ANGLE = 2.0
+"""Median ray angle in degrees below which depths are not known."""
+_FAR_FROM_LINES = 1.0
+"""Median distance in pixels of the matches from where given cameras say. True ones have 0.2, with a focal length that
+is 10 % wrong 0.7, 50 % wrong 2.7."""
+_OTHER_PLACE = 0.3
+"""Share of the photos in other models from which on they are named as another scene."""  # chosen on banana16
+_FEW_PLACED = 0.6
+"""Share of placed photos below which most of a set is missing."""
+_WEAK_TRACKS = 0.25
+"""Share of points seen by three photos below which a model hangs together by pairs. Sound sets have 0.76 to 1."""
+_NAMES = 6
+"""Photos that a sentence names."""
+
+
+def judge(evidence: Evidence, *, poses_given: bool = False, refuted: Sequence[str] = ()) -> CameraHealth:
+    """Return the finding for a model.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    poses_given : bool
+        Whether the user gave the cameras.
+    refuted : sequence of str
+        Photos whose place their strongest pairs refute, by name.
+
+    Returns
+    -------
+    CameraHealth
+        Of several findings, the one that explains the others: a wrong kind of picture before a wrong place.
+    """
+    health = (
+        _given(evidence, refuted)
+        if poses_given
+        else _of_pictures(evidence) or _of_lenses(evidence) or _of_places(evidence, refuted) or _of_error(evidence)
+    )
+    if health is not None:
+        return health
+    lenses = f" {evidence.n_lenses} lenses were found." if evidence.n_lenses > 1 else ""
+    return CameraHealth("green", "", f"The photos agree with their cameras.{lenses}")
+
+
+def _given(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | None:
+    if evidence.distance > _FAR_FROM_LINES:
+        return CameraHealth(
+            "red",
+            "given_cameras",
+            f"The given cameras do not fit the photos: matches lie {evidence.distance:.1f} px from where the model "
+            "says, usually 0.2 to 0.5; its focal lengths, distortion or poses are not those of these photos: check it, "
+            "or let the cameras be estimated.",
+        )
+    if not refuted:
+        return None
+    if len(refuted) >= _REFUTED_GIVEN * max(evidence.n_placed, 1):
+        return CameraHealth(
+            "red",
+            "given_cameras",
+            f"The given cameras do not fit the photos: {len(refuted)} of {evidence.n_placed} photos do not match their "
+            "neighbours where the model says; it belongs to other photos, another order or other lenses: check it, or "
+            "let the cameras be estimated.",
+            tuple(refuted),
+        )
+    return CameraHealth(
+        "red",
+        "given_cameras",
+        f"The given cameras of {_listed(refuted)} do not fit these photos: files were exchanged or renamed after the "
+        "model was made; restore their names, or let the cameras be estimated.",
+        tuple(refuted),
+    )
+
+
+def _of_pictures(evidence: Evidence) -> CameraHealth | None:
+    """Return the finding if the pictures are no plain photos of one lens: the model cannot be right then."""
+    if evidence.mirrored:
+        return CameraHealth(
+            "red" if evidence.mirrored_placed else "yellow",
+            "mirrored",
+            f"Photos are mirror images of the others ({_listed(evidence.mirrored)}), as selfie cameras and some "
+            "programs save them: flip them back.",
+            evidence.mirrored_placed,
+        )
+    if evidence.panorama_gain >= _PANORAMA_GAIN:
+        return CameraHealth(
+            "red",
+            "panorama",
+            "The photos are 360 degree panoramas, for which the positions found are wrong: cut them into ordinary "
+            "views first.",
+        )
+    if scenes := _of_scenes(evidence):
+        # Of a few photos, other lenses cannot be told.
+        return scenes
+    found = []
+    if evidence.aspect_gain <= MUCH_BETTER and evidence.aspect > _DEPARTURE:
+        found.append((evidence.aspect_gain, "stretched"))
+    if evidence.shift_gain <= MUCH_BETTER and evidence.shift > _DEPARTURE:
+        found.append((evidence.shift_gain, "cropped"))
+    if evidence.fisheye_gain <= MUCH_BETTER:
+        found.append((evidence.fisheye_gain, "fisheye"))
+    if not found:
+        return None
+    cause = min(found)[1]
+    sentences = {
+        "stretched": "The photos fit their cameras only when they are stretched in one direction, so positions are "
+        "wrong: use the original files, not copies that a program resized or decoded wrongly.",
+        "cropped": "The photos fit their cameras only when the lens looks beside the middle of the picture, so "
+        "positions are wrong: use the photos before they were cropped.",
+        "fisheye": "The photos fit fisheye lenses much better than the lens model used, so positions are wrong: choose "
+        "a fisheye model for the cameras.",
+    }
+    return CameraHealth("red", cause, sentences[cause])
+
+
+def _of_scenes(evidence: Evidence) -> CameraHealth | None:
+    others = [names for names in evidence.other_models if len(names) >= 3]
+    n_others = len({name for names in others for name in names})
+    share = n_others / evidence.n_photos
+    most_missing = evidence.n_placed < _FEW_PLACED * evidence.n_photos
+    if share >= (0.5 * _OTHER_PLACE if most_missing else _OTHER_PLACE):
+        return CameraHealth(
+            "yellow",
+            "several_scenes",
+            f"The photos show several scenes, or parts of one that no photo connects ({evidence.n_placed} photos are "
+            f"used, {n_others} are not): reconstruct them one by one, or add photos between them.",
+        )
+    return None
+
+
+def _of_lenses(evidence: Evidence) -> CameraHealth | None:
+    if not evidence.lenses_differ:
+        return None
+    return CameraHealth(
+        "red" if evidence.error > _HIGH_ERROR else "yellow",
+        "several_lenses",
+        "The photos seem to be taken with several zooms or lenses that could not be separated, so positions may be "
+        "wrong: use the original files with their EXIF data, or photos of one zoom only.",
+    )
+
+
+def _of_places(evidence: Evidence, refuted: Sequence[str]) -> CameraHealth | None:
+    """Return the finding if photos lie in other places than the model says, or in none."""
+    if evidence.turned >= TURNED or evidence.angle < _SMALL_ANGLE:
+        return CameraHealth(
+            "red",
+            "one_place",
+            "The photos were taken from nearly one place, with the camera turned, so depths are not known: walk around "
+            "the object.",
+        )
+    if evidence.disagreeing >= _DISAGREEING or evidence.missing >= _MISSING:
+        what = (
+            f"{evidence.disagreeing:.0%} of the pairs of photos that match best contradict the positions found"
+            if evidence.disagreeing >= _DISAGREEING
+            else f"{evidence.missing:.0%} of the photos placed side by side do not show the same things"
+        )
+        return CameraHealth(
+            "red",
+            "repeated",
+            f"{what}: parts that look alike, as equal walls or windows, were taken for one; add photos that show how "
+            "they are connected.",
+            tuple(refuted),
+        )
+    if refuted:
+        return CameraHealth(
+            "yellow",
+            "misplaced",
+            f"The best matches of {_listed(refuted)} contradict the position found, so they are left out: they may "
+            "show another place that looks alike.",
+            tuple(refuted),
+        )
+    if evidence.n_placed < _FEW_PLACED * evidence.n_photos:
+        return CameraHealth(
+            "yellow",
+            "few_placed",
+            f"Only {evidence.n_placed} of {evidence.n_photos} photos could be placed: the others overlap too little, "
+            "are blurred or show something else; add photos between them.",
+        )
+    if evidence.seen_by_three < _WEAK_TRACKS:
+        return CameraHealth(
+            "yellow",
+            "weak_tracks",
+            f"Only {evidence.seen_by_three:.0%} of the points are seen by three photos, so parts of the scene may "
+            "have different scales: take photos that overlap by two thirds.",
+        )
+    return None
+
+
+def _of_error(evidence: Evidence) -> CameraHealth | None:
+    if not evidence.error > _HIGH_ERROR:
+        return None
+    return CameraHealth(
+        "red" if evidence.error > _REFUTING_ERROR else "yellow",
+        "unclear",
+        f"The photos fit their cameras badly ({evidence.error:.2f} px on average, usually 0.2 to 0.4): the files may "
+        "be damaged, or changed by a program, or the scene or the lens moved; look at the photos and the cameras.",
+    )
+
+
+def refuted_images(pairs: Sequence[PairFit]) -> list[int]:
+    """Return the image ids of photos that disagree with all, and at least two, of their strongest partners.
+
+    Of photos that disagree with each other only, as two exchanged files do with their common neighbours, those with
+    the least agreement are taken first, and what they explain does not count against the others.
+    """
+    left = list(pairs)
+    refuted: list[int] = []
+    while True:
+        by_image: dict[int, list[PairFit]] = {}
+        for pair in left:
+            by_image.setdefault(pair.first, []).append(pair)
+            by_image.setdefault(pair.second, []).append(pair)
+        wrong = {
+            image_id: (sum(pair.agrees for pair in found) / len(found), -len(found), image_id)
+            for image_id, found in by_image.items()
+            if sum(not pair.agrees for pair in found) >= 2 and not any(pair.agrees for pair in found)
+        }
+        if not wrong:
+            return sorted(refuted)
+        worst = min(wrong, key=lambda image_id: wrong[image_id])
+        refuted.append(worst)
+        left = [pair for pair in left if worst not in (pair.first, pair.second)]
+
+
+def _listed(names: Sequence[str]) -> str:
+    if len(names) <= _NAMES:
+        return ", ".join(names)
+    return f"{', '.join(names[:_NAMES])} and {len(names) - _NAMES} more"

@@ -1,0 +1,186 @@
+"""Lenses of photos that were taken to share one: found to differ after the first model, they are grouped again.
+
+Photos of equal size without EXIF start with a common lens. Where some were zoomed, the model is wrong by half its size
+with a reprojection error below a pixel. See docs/design_notes/cameras.md.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterable, Sequence
+
+from ..events import StopCheck
+from .colmap import pycolmap
+from .colmap_calls import opened_database
+from .features import SfmWorkspace
+from .lens_trials import LensTrial, capped_error, tried_lenses
+
+__all__ = ["assign_lenses", "group_by_focal", "lenses_differ", "map_with_lenses"]
+
+MapAll = Callable[[], list[pycolmap.Reconstruction]]
+
+_LOWER_ERROR = 0.9
+"""Error with own lenses, relative to that with shared ones, from which down lenses can differ: sound sets
+have 0.95 to 0.98, zoomed ones 0.27 to 0.78."""  # chosen on museum_room, room_1, room_3, room_5, banana16
+_DIFFERENT_FOCAL = 1.06
+"""Ratio of focal lengths from which on photos have different lenses. Sound sets stay
+below 1.02."""  # chosen on museum_room, room_1, room_3, room_5, banana16
+_FEW_PLACED = 0.8
+"""Share of placed photos below which lenses of their own are tried even if no model shows that they differ."""
+_WIDTHS = (1.25, 1.12, _DIFFERENT_FOCAL)
+"""Factors within which focal lengths make a group, one after the other until the photos of each agree. Those of a lens
+per photo scatter, and in a group with others even a badly known one is found."""
+_BETTER = 0.95
+"""Error of the model with other groups, relative to the first, from which down it is taken."""
+
+
+def map_with_lenses(
+    workspace: SfmWorkspace, map_all: MapAll, *, should_stop: StopCheck
+) -> list[pycolmap.Reconstruction]:
+    """Return the models of the photos, mapped with lenses that their photos really share.
+
+    Parameters
+    ----------
+    workspace : SfmWorkspace
+        With features and matches. The lenses in its database are replaced.
+    map_all : callable
+        Maps the photos with the lenses in the database.
+    should_stop : StopCheck
+
+    Raises
+    ------
+    CameraError, Cancelled, DiskError
+        As `map_all` and the calls of COLMAP raise them.
+
+    Notes
+    -----
+    After the first model each photo gets its own focal length. If the error falls by a tenth or more and focal lengths
+    of one group differ by 6 %, or if a fifth of the photos could not be placed, the photos are mapped with a lens each,
+    grouped by the focal lengths found, coarsely first, and mapped again. The result is taken when it places as many
+    photos with a smaller error, or more photos.
+    """
+    first_lenses = _first_lenses(workspace)
+    assign_lenses(workspace, first_lenses)
+    models = map_all()
+    largest = _largest(models)
+    if workspace.lenses or largest is None or largest.num_reg_images() < 3:
+        return models
+    own = tried_lenses(largest, should_stop=should_stop)
+    differ = lenses_differ(largest, own)
+    if not differ and largest.num_reg_images() >= _FEW_PLACED * len(workspace.copies):
+        return models
+    group_of = {image_id: number for number, (_, ids) in enumerate(first_lenses) for image_id in ids}
+    begin = own.lenses if differ else {}
+    assign_lenses(workspace, [(begin.get(i, first_lenses[number][0]), [i]) for i, number in sorted(group_of.items())])
+    alone = _largest(map_all())
+    if alone is None or not _is_better(alone, largest):
+        return models
+    best = models
+    lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
+    for width in _WIDTHS:
+        groups = group_by_focal(lenses, group_of, width)
+        placed = {image_id for _, ids in groups for image_id in ids}
+        left = [(first_lenses[number][0], [i]) for i, number in sorted(group_of.items()) if i not in placed]
+        assign_lenses(workspace, [*groups, *left])
+        found = map_all()
+        model = _largest(found)
+        if model is None or not _is_better(model, largest):
+            continue
+        best, largest = found, model
+        own = tried_lenses(model, should_stop=should_stop)
+        if not lenses_differ(model, own):
+            break
+        lenses = {**lenses, **own.lenses}
+    return best
+
+
+def lenses_differ(model: pycolmap.Reconstruction, own: LensTrial) -> bool:
+    """Return whether photos that share a lens in `model` fit clearly better with different focal lengths."""
+    if not own.lenses or own.error > _LOWER_ERROR * own.before:
+        return False
+    ratios = own.focal_ratios(model)
+    by_lens: dict[int, list[float]] = {}
+    for image_id, ratio in ratios.items():
+        by_lens.setdefault(model.image(image_id).camera_id, []).append(ratio)
+    return any(max(found) > _DIFFERENT_FOCAL * min(found) for found in by_lens.values())
+
+
+def group_by_focal(
+    lenses: dict[int, pycolmap.Camera], group_of: dict[int, int], width: float = _DIFFERENT_FOCAL
+) -> list[tuple[pycolmap.Camera, list[int]]]:
+    """Return groups of photos of one former group whose focal lengths differ by a factor of less than `width`.
+
+    Parameters
+    ----------
+    lenses : dict of int to pycolmap.Camera
+        pycolmap.Camera by image id.
+    group_of : dict of int to int
+        Former group by image id.
+    width : float
+        Largest factor between the focal lengths of a group.
+
+    Returns
+    -------
+    list of (pycolmap.Camera, list of int)
+        A lens with the median focal length, and the photos that share it.
+    """
+    groups: list[tuple[pycolmap.Camera, list[int]]] = []
+    for number in sorted(set(group_of.values())):
+        ids = sorted(
+            (image_id for image_id in lenses if group_of[image_id] == number),
+            key=lambda image_id: (lenses[image_id].mean_focal_length(), image_id),
+        )
+        members: list[int] = []
+        for image_id in ids:
+            focal = lenses[image_id].mean_focal_length()
+            if members and focal > width * lenses[members[0]].mean_focal_length():
+                groups.append((copy.deepcopy(lenses[members[len(members) // 2]]), members))
+                members = []
+            members.append(image_id)
+        if members:
+            groups.append((copy.deepcopy(lenses[members[len(members) // 2]]), members))
+    return groups
+
+
+def assign_lenses(workspace: SfmWorkspace, groups: Sequence[tuple[pycolmap.Camera, Iterable[int]]]) -> None:
+    """Give the photos of the database new lenses: one for the image ids of each group."""
+    with opened_database(workspace.database) as database:
+        frames = {frame.frame_id: frame for frame in database.read_all_frames()}
+        for lens, image_ids in groups:
+            new = copy.deepcopy(lens)
+            new.camera_id = database.write_camera(new)
+            sensor = pycolmap.sensor_t(pycolmap.SensorType.CAMERA, new.camera_id)
+            rig = pycolmap.Rig()
+            rig.add_ref_sensor(sensor)
+            rig_id = database.write_rig(rig)
+            for image_id in image_ids:
+                image = database.read_image(image_id)
+                frame = frames[image.frame_id]
+                frame.clear_data_ids()
+                frame.rig_id = rig_id
+                frame.add_data_id(pycolmap.data_t(sensor, image_id))
+                database.update_frame(frame)
+                image.camera_id = new.camera_id
+                database.update_image(image)
+
+
+def _first_lenses(workspace: SfmWorkspace) -> list[tuple[pycolmap.Camera, list[int]]]:
+    """Return the lens that each group of copies began with, whatever a stopped run assigned since."""
+    with opened_database(workspace.database) as database:
+        lenses = {lens.camera_id: lens for lens in database.read_all_cameras()}
+        members: dict[str, list[int]] = {}
+        for image in sorted(database.read_all_images(), key=lambda image: image.image_id):
+            members.setdefault(image.name.split("/")[0], []).append(image.image_id)
+    # The lenses of the groups were the first that the database got, in the order of the groups.
+    return [
+        (lenses[camera_id], members[name]) for camera_id, name in zip(sorted(lenses), sorted(members), strict=False)
+    ]
+
+
+def _largest(models: list[pycolmap.Reconstruction]) -> pycolmap.Reconstruction | None:
+    return max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+
+
+def _is_better(model: pycolmap.Reconstruction, than: pycolmap.Reconstruction) -> bool:
+    more = model.num_reg_images() - than.num_reg_images()
+    return more > 0 or (more == 0 and capped_error(model) < _BETTER * capped_error(than))
