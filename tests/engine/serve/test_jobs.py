@@ -166,13 +166,11 @@ def test_server_that_ends_leaves_its_job_running_and_the_next_one_finds_it(
 
 
 ENDS_TIDILY = """
-import signal, sys
-def end(*_):
-    say('error', message='Stopped.', error='Cancelled')
-    sys.exit(130)
-signal.signal(signal.SIGINT, end)
+import os, sys
 say('progress', stage='training', fraction=0.6, seconds_left=3.0, message='')
-while True: time.sleep(0.02)
+while not os.path.exists(os.environ['GAUSSIAN_HERITAGE_STOP_FILE']): time.sleep(0.02)
+say('error', message='Stopped.', error='Cancelled')
+sys.exit(130)
 """
 
 
