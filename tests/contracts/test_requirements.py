@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = ROOT / "requirements"
 LOCKED_FILES = {
     file.stem: file
-    for folder in (REQUIREMENTS, ROOT / "engine" / "installation", ROOT / "engine" / "models")
+    for folder in (REQUIREMENTS, ROOT / "engine" / "installation")
     for file in folder.glob("locked-*.txt")
 }
 DISTRIBUTIONS = {
