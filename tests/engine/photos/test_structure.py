@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import io
+import mmap
+import os
 import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from engine.errors import PhotoError
+from engine.photos import load_pixels
 from engine.photos.pixels import open_photo, read_header
 
 from .hostile import chunk, png_with, tiff
@@ -87,3 +91,19 @@ def test_plug_in_that_starts_another_program_is_not_tried(tmp_path: Path) -> Non
     (tmp_path / "a.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 200 200\n%%EndComments\nshowpage\n")
     with pytest.raises(PhotoError, match=r"a\.png is not a picture that can be read"):
         open_photo(tmp_path / "a.png")
+
+
+def test_jpeg_without_exif_is_read_where_mapping_a_file_moves_its_position(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """CPython's mmap does so on Windows; pictures of messengers have no EXIF."""
+    real = mmap.mmap
+
+    def as_on_windows(number: int, *arguments: Any, **named: Any) -> mmap.mmap:
+        os.lseek(number, 0, os.SEEK_SET)
+        return real(number, *arguments, **named)
+
+    monkeypatch.setattr(mmap, "mmap", as_on_windows)
+    rng = np.random.default_rng(0)
+    Image.fromarray(rng.integers(0, 256, (300, 400, 3), np.uint8)).save(tmp_path / "a.jpg", quality=95)
+    assert load_pixels(tmp_path / "a.jpg").shape == (300, 400, 3)
