@@ -290,7 +290,7 @@ TEXTS: dict[str, str] = {
     "Select the isolated object that is seen at the click": "Das freigestellte Objekt am Klick auswählen",
     "Selected splats, including whole scenes": "Ausgewählte Splats, auch ganze Szenen",
     "In a new file, set the render engine to Cycles, with the settings that splats need": (
-        "Cycles als Renderer wählen, mit den Einstellungen, die Splats brauchen"
+        "In einer neuen Datei Cycles als Renderer wählen, mit den Einstellungen, die Splats brauchen"
     ),
     (
         "Share of the Gaussians in view that are drawn, the most important first: opacity times mean "

@@ -23,7 +23,7 @@ _CYCLES = {
     "preview_samples": 1,
 }
 """One ray through the centre of each pixel. A ray ends after 256 Gaussians, and not at random before, which leaves
-white specks: docs/design_notes/blender.md. Splats need one sample; other objects need more, and a wider pixel filter."""
+white specks: docs/design_notes/blender.md. Splats need one sample; other objects need more, and a wider filter."""
 _FIRST_ENGINES = ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT")
 _FIRST_VIEW_TRANSFORM = "AgX"
 _TOLERANCE = 1e-6
@@ -57,7 +57,9 @@ def set_up_render(scene: bpy.types.Scene) -> None:
 
 
 def missing_settings(scene: bpy.types.Scene) -> list[str]:
-    """Return what a render of the splats of `scene` lacks: names of settings.
+    """Return what a render of the splats of `scene` lacks.
+
+    These are `engine`, `transparent_bounces`, `samples` and `view_transform`, in this order.
 
     More samples than one are missed only in a scene without other shapes, which need them.
     """
