@@ -257,5 +257,12 @@ TEXTS: dict[str, str] = {
     "Y": "Y",
     "Z": "Z",
     "{:.1f} dB after {:.0f} s (photos not trained on)": "{:.1f} dB nach {:.0f} s (nicht verwendete Fotos)",
+    "Set Up Render": "Rendern einrichten",
+    "Restore Render Settings": "Rendereinstellungen zurücksetzen",
+    "The render settings are still those for splats.": "Die Rendereinstellungen sind noch die für Splats.",
+    "256 transparent bounces": "256 transparente Sprünge",
+    "view transform {}": "Ansichtstransformation {}",
+    "1 sample": "1 Abtastung",
+    "A render of splats needs: {}": "Splats zu rendern braucht: {}",
 }
 """German text by English text, as Blender shows them."""

@@ -289,8 +289,8 @@ TEXTS: dict[str, str] = {
     "Replace existing files": "Vorhandene Dateien ersetzen",
     "Select the isolated object that is seen at the click": "Das freigestellte Objekt am Klick auswählen",
     "Selected splats, including whole scenes": "Ausgewählte Splats, auch ganze Szenen",
-    "Set the render engine to Cycles, with the settings that splats need": (
-        "Cycles als Renderer wählen, mit den Einstellungen, die Splats brauchen"
+    "In a new file, set the render engine to Cycles, with the settings that splats need": (
+        "In einer neuen Datei Cycles als Renderer wählen, mit den Einstellungen, die Splats brauchen"
     ),
     (
         "Share of the Gaussians in view that are drawn, the most important first: opacity times mean "
@@ -368,5 +368,11 @@ TEXTS: dict[str, str] = {
     "Y points down, as in most Gaussian scenes": "Y zeigt nach unten, wie in den meisten Gauß-Szenen",
     "Y points up": "Y zeigt nach oben",
     "Z points up, as in Blender": "Z zeigt nach oben, wie in Blender",
+    "Set Cycles, transparent bounces, samples, pixel filter and view transform of this scene to what splats need": (
+        "Stellt Cycles, transparente Sprünge, Abtastungen, Pixelfilter und Ansichtstransformation für Splats ein"
+    ),
+    "Set the render settings back to what they were before splats came; what you changed since then stays": (
+        "Stellt die Rendereinstellungen von vorher wieder her; was Sie danach geändert haben, bleibt"
+    ),
 }
 """German text by English text, as Blender shows them."""

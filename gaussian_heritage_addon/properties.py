@@ -40,6 +40,7 @@ __all__ = [
     "select_object",
     "set_active_object",
     "unregister",
+    "view_transform_of",
 ]
 
 _MAX_SHOWN = 200
@@ -161,18 +162,38 @@ def show_level(obj: bpy.types.Object) -> None:
 
 
 def apply_visibility(scene: bpy.types.Scene) -> None:
-    """Show either the whole scene or its objects: showing both would draw their Gaussians twice."""
+    """Show either a whole scene or its objects: showing both would draw their Gaussians twice.
+
+    An object whose own scene is not in `scene`, such as one appended from another file, stays visible.
+    """
+    shows_objects = scene.heritage.show == "OBJECTS"
+    wholes = {_project_name(obj) for obj in heritage_objects(scene, "SCENE")}
+    parted = {_project_name(obj) for obj in heritage_objects(scene, "OBJECT")}
+    if scene.heritage.project:
+        parted.add(bpy.path.abspath(scene.heritage.project))
     for obj in heritage_objects(scene):
-        hidden = obj.heritage.hidden or obj.heritage.role != ("OBJECT" if scene.heritage.show == "OBJECTS" else "SCENE")
-        obj.hide_render = obj.hide_viewport = hidden
+        project = _project_name(obj)
+        is_whole = obj.heritage.role == "SCENE"
+        # Splats without a project, of a file of any program, belong to no others.
+        replaced = project in parted and shows_objects if is_whole else project in wholes and not shows_objects
+        obj.hide_render = obj.hide_viewport = obj.heritage.hidden or (bool(project) and replaced)
+
+
+def _project_name(obj: bpy.types.Object) -> str:
+    # What a linked object names is relative to its own file.
+    return bpy.path.abspath(obj.heritage.project, library=obj.library) if obj.heritage.project else ""
+
+
+def view_transform_of(scene: bpy.types.Scene) -> str:
+    """Return the view transform that the blending mode of `scene` needs."""
+    return "Raw" if scene.heritage.blending == "TRAINED" else "Standard"
 
 
 def apply_blending(scene: bpy.types.Scene) -> None:
-    """Apply the blending mode of `scene` to all its splats, together with the view transform it requires."""
+    """Apply the blending mode of `scene` to all its splats. The view transform belongs to the user and stays."""
     as_trained = scene.heritage.blending == "TRAINED"
     for obj in heritage_objects(scene):
         set_display_input(obj, AS_TRAINED, as_trained)
-    scene.view_settings.view_transform = "Raw" if as_trained else "Standard"
 
 
 def _threshold_changed(properties: HeritageObject, context: bpy.types.Context) -> None:
@@ -246,7 +267,11 @@ def _set_active(properties: HeritageScene, number: int) -> None:
 
 
 def _blending_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
-    apply_blending(properties.id_data)
+    scene = properties.id_data
+    apply_blending(scene)
+    # It follows where it was set up for splats and nobody has chosen another one since then.
+    if properties.former_settings and scene.view_settings.view_transform in ("Raw", "Standard"):
+        scene.view_settings.view_transform = view_transform_of(scene)
 
 
 @blender_properties
@@ -314,6 +339,8 @@ class HeritageScene(bpy.types.PropertyGroup):
             update=_show_changed,
         ),
     ]
+    # JSON of the settings that the user had before the scene was set up for splats.
+    former_settings: Annotated[str, StringProperty(options={"HIDDEN"})]
     blending: Annotated[
         str,
         EnumProperty(

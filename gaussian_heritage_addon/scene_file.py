@@ -29,6 +29,7 @@ from .properties import (
     project_of,
     set_active_object,
 )
+from .render_settings import is_untouched, set_up_render
 from .sog_pictures import decode_picture
 from .splat_view import is_software
 from .splats import SplatScene
@@ -39,7 +40,6 @@ __all__ = [
     "add_other_file",
     "add_splat_file",
     "open_project",
-    "prepare_cycles",
     "scene_name",
     "whole_scene",
 ]
@@ -130,7 +130,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     Returns
     -------
     SplatScene
-        The whole scene. Blending is set to ``"TRAINED"`` if the Blender scene had no splats.
+        The whole scene. In a new Blender file, blending is set to ``"TRAINED"`` and the render is set up.
 
     Raises
     ------
@@ -151,8 +151,9 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         # The scene may have been trained again. Its placement is the user's choice.
         bpy.data.objects.remove(earlier)
         _remove_cameras(scene, camera_set)
-    if not heritage_objects(scene):
-        # With splats in the scene, the setting is the user's choice.
+    untouched = is_untouched(scene)
+    if untouched and not heritage_objects(scene):
+        # With splats in the scene, the setting is the user's choice. With other objects, splats blend as these do.
         scene.heritage.blending = "TRAINED"
     name = scene_name(project)
     splats = add_splat_file(scene, file, name)
@@ -170,7 +171,8 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         add_cameras(camera_set.cameras, collection)
         if scene.camera is None and camera_set.cameras:
             look_through(scene, "", INITIAL_RENDER_SIDE)
-    prepare_cycles(scene)
+    if untouched:
+        set_up_render(scene)
     # What was changed by hand and is not stored yet stays as it is in this file.
     kept = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited}
     kept.update(scene.heritage.deleted.split("\n"))
@@ -252,20 +254,3 @@ def whole_scene(scene: bpy.types.Scene, project: Path) -> bpy.types.Object | Non
 
 def _belongs_to(obj: bpy.types.Object, project: Path) -> bool:
     return bool(obj.heritage.project) and project_of(obj.heritage) == project
-
-
-def prepare_cycles(scene: bpy.types.Scene) -> None:
-    """Set up Cycles to draw splats as the engine does, with one ray through the centre of each pixel.
-
-    Notes
-    -----
-    Splats need one sample; other objects in the scene need more, and a wider pixel filter. A ray ends after 256
-    Gaussians. Cycles must not end rays at random earlier: that leaves white specks. See docs/design_notes/blender.md.
-    """
-    scene.render.engine = "CYCLES"
-    cycles = scene.cycles
-    cycles.transparent_max_bounces = 256
-    cycles.min_transparent_bounces = 256
-    cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
-    cycles.use_denoising = cycles.use_adaptive_sampling = False
-    cycles.samples = cycles.preview_samples = 1

@@ -30,6 +30,7 @@ from . import (
     refine_object,
     remove_default_objects,
     remove_engine,
+    render_settings,
     set_up_engine,
     shortcuts,
     show_project,
@@ -68,6 +69,7 @@ _MODULES = (
     remove_default_objects,
     solo_object,
     copy_as_native,
+    render_settings,
 )
 CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 

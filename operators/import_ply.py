@@ -10,7 +10,8 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.formats import READ_SUFFIXES, Up
-from ..gaussian_heritage_addon.scene_file import add_other_file, prepare_cycles
+from ..gaussian_heritage_addon.render_settings import is_untouched, set_up_render
+from ..gaussian_heritage_addon.scene_file import add_other_file
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .dropped_files import DroppedIntoView
 
@@ -59,7 +60,7 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
         bool,
         BoolProperty(
             name="Set up Cycles",
-            description="Set the render engine to Cycles, with the settings that splats need",
+            description="In a new file, set the render engine to Cycles, with the settings that splats need",
             default=True,
         ),
     ]
@@ -77,11 +78,12 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
         """Import the file."""
         file = Path(bpy.path.abspath(self.filepath))
         up = None if self.up == "AUTO" else cast(Up, self.up)
+        untouched = is_untouched(context.scene)
         notes: list[str] = []
         name = file.parent.name if file.name == "meta.json" and file.parent.name else file.stem
         splats = add_other_file(context.scene, file, name, up=up, skip_broken=self.skip_broken, tell=notes.append)
-        if self.use_cycles:
-            prepare_cycles(context.scene)
+        if untouched and self.use_cycles:
+            set_up_render(context.scene)
         count = len(splats.object.data.vertices)
         self.report({"INFO"}, " ".join([f"Imported {count} Gaussians from {file.name}.", *notes]))
         return {"FINISHED"}

@@ -83,7 +83,7 @@ def show(part: Part, gaussians: Any, camera: Any, *, moved: Matrix | None = None
     if moved is not None:
         splats.object.matrix_world = moved
     part("gaussian_heritage_addon.cameras").add_cameras([camera], scene.collection)
-    part("gaussian_heritage_addon.scene_file").prepare_cycles(scene)
+    part("gaussian_heritage_addon.render_settings").set_up_render(scene)
     bpy.ops.heritage.look_through_photo()
     return splats.object
 
