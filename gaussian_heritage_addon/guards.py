@@ -276,6 +276,35 @@ def add_undo_handler(function: Callable[[], None]) -> None:
     _add_handler(function, bpy.app.handlers.undo_post, bpy.app.handlers.redo_post)
 
 
+def add_save_handlers(before: Callable[[str], None], after: Callable[[str], None]) -> None:
+    """Call `before` and `after` with the path of each .blend file that Blender writes, also where it fails."""
+    for function, events in (
+        (before, [bpy.app.handlers.save_pre]),
+        (after, [bpy.app.handlers.save_post, bpy.app.handlers.save_post_fail]),
+    ):
+        handler = _save_handler(_guarded(function, Timer._failed))
+        for event in events:
+            event.append(handler)
+            _SAVE_HANDLERS.append((event, handler))
+
+
+def _save_handler(guarded: Function) -> Function:
+    def at_saving(file: str, *_: Any) -> None:
+        guarded(file)
+
+    return bpy.app.handlers.persistent(at_saving)  # type: ignore[no-any-return]
+
+
+def remove_save_handlers() -> None:
+    """Undo `add_save_handlers`."""
+    while _SAVE_HANDLERS:
+        event, handler = _SAVE_HANDLERS.pop()
+        event.remove(handler)
+
+
+_SAVE_HANDLERS: list[tuple[list[Function], Function]] = []
+
+
 def _add_handler(function: Callable[[], None], *events: list[Function]) -> None:
     def after_event(*_: Any) -> None:
         guarded()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -93,7 +94,8 @@ def project_of(properties: HeritageScene | HeritageObject) -> Path:
         When no folder can have that path.
     """
     # Absolute, so that the engine never takes it for an option.
-    path = Path(bpy.path.abspath(properties.project)).absolute()
+    owner = properties.id_data
+    path = Path(os.path.abspath(bpy.path.abspath(properties.project, library=owner.library)))
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError, PermissionError):
