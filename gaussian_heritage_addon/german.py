@@ -100,6 +100,7 @@ TEXTS: dict[str, str] = {
     "Fetch Model": "Modell laden",
     "Files": "Dateien",
     "Find All": "Alle finden",
+    "Find Project": "Projekt suchen",
     "Floaters": "Schwebende Reste",
     "Folder": "Ordner",
     "Format": "Format",
@@ -235,6 +236,10 @@ TEXTS: dict[str, str] = {
     "Take from Object": "Vom Objekt wegnehmen",
     "The result of {} is ready. This scene shows another project.": (
         "Das Ergebnis von {} ist fertig. Diese Szene zeigt ein anderes Projekt."
+    ),
+    "The project is missing. Press Find Project.": "Das Projekt fehlt. Drücken Sie „Projekt suchen“.",
+    "The project {} is missing. Choose the folder that it is in now.": (
+        "Das Projekt {} fehlt. Wählen Sie den Ordner, in dem es jetzt ist."
     ),
     "The unit is unknown. Pick two points whose distance you know.": (
         "Die Einheit ist unbekannt. Klicken Sie zwei Punkte an, deren Abstand Sie kennen."

@@ -16,6 +16,9 @@ TEXTS: dict[str, str] = {
         "Eine Gauß-Glocke mit weniger anderen in ihrer Nähe gilt als einzeln; die meisten haben etwa 20"
     ),
     "A video to take the photos from, instead of a folder": "Ein Video statt eines Ordners, aus dem die Fotos kommen",
+    "Choose where the missing project of this scene is now. The scene and its objects stay as they are": (
+        "Wählen, wo das fehlende Projekt dieser Szene jetzt ist. Szene und Objekte bleiben, wie sie sind"
+    ),
     "A whole scene": "Eine ganze Szene",
     "Add a camera for each photo": "Für jedes Foto eine Kamera hinzufügen",
     "Add a project folder to this file: its scene, cameras and objects. Each project has a scene of its own": (

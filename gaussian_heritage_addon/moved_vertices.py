@@ -98,9 +98,7 @@ def linear_maps(before: NDArray[np.floating], after: NDArray[np.floating]) -> Li
         distances = np.stack([np.linalg.norm(_placed(one, before[left]) - after[left], axis=1) for one in maps])
         nearest = distances.argmin(axis=0)
         groups = [np.concatenate([group, left[nearest == k]]) for k, group in enumerate(groups)]
-    return [
-        (one[:, :3], np.sort(group)) for one, group in zip(maps, groups, strict=True) if not _is_shift(one)
-    ]
+    return [(one[:, :3], np.sort(group)) for one, group in zip(maps, groups, strict=True) if not _is_shift(one)]
 
 
 def _moved_together(
