@@ -7,6 +7,7 @@ import bpy
 from . import moved_projects
 from .guards import (
     add_change_handler,
+    add_import_handler,
     add_load_handler,
     add_save_handlers,
     remove_change_handler,
@@ -32,14 +33,16 @@ def _after_loading() -> None:
 
 
 def register() -> None:
-    """Follow changes, loading and saving."""
+    """Follow changes, loading, saving and appending."""
     add_change_handler(_after_change)
     add_load_handler(_after_loading)
+    add_import_handler(moved_projects.after_appending)
     add_save_handlers(moved_projects.before_saving, moved_projects.after_saving)
 
 
 def unregister() -> None:
     """Undo `register`."""
     remove_save_handlers()
+    remove_handler(moved_projects.after_appending)
     remove_handler(_after_loading)
     remove_change_handler(_after_change)

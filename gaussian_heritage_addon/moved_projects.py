@@ -15,7 +15,7 @@ from ..engine.scene import read_camera_set
 from . import problems
 from .properties import HeritageObject, HeritageScene, photo_of, project_of
 
-__all__ = ["after_saving", "before_saving", "find_moved", "is_missing", "relink", "relink_scene_of"]
+__all__ = ["after_appending", "after_saving", "before_saving", "find_moved", "is_missing", "relink", "relink_scene_of"]
 
 _before: list[tuple[bpy.types.ID, Path]] = []
 
@@ -59,6 +59,15 @@ def after_saving(file: str) -> None:
     for one, project in _before:
         one.heritage.project = _stored(project, folder)
     _before.clear()
+
+
+def after_appending(items: list[tuple[bpy.types.ID, str]]) -> None:
+    """Make the paths of appended scenes and objects absolute: they are relative to the .blend that they came from."""
+    for one, file in items:
+        is_holder = isinstance(one, bpy.types.Scene | bpy.types.Object) and one.library is None
+        if is_holder and one.heritage.project.startswith("//"):
+            folder = Path(bpy.path.abspath(file)).absolute().parent
+            one.heritage.project = os.path.abspath(folder / one.heritage.project.removeprefix("//"))
 
 
 def find_moved() -> None:

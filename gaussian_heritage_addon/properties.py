@@ -256,7 +256,13 @@ class HeritageScene(bpy.types.PropertyGroup):
     """Properties of a scene: ``scene.heritage``."""
 
     project: Annotated[
-        str, StringProperty(name="Project", description="Project folder of this scene", subtype="DIR_PATH")
+        str,
+        StringProperty(
+            name="Project",
+            description="Project folder of this scene",
+            subtype="DIR_PATH",
+            options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        ),
     ]
     prompt: Annotated[
         str,
@@ -338,7 +344,9 @@ class HeritageObject(bpy.types.PropertyGroup):
             ],
         ),
     ]
-    project: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
+    project: Annotated[
+        str, StringProperty(name="Project", subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"})
+    ]
     object_id: Annotated[str, StringProperty(name="Object Id")]
     prompt: Annotated[str, StringProperty(name="Prompt")]
     score: Annotated[

@@ -93,3 +93,15 @@ def test_opening_a_moved_project_relinks_its_scene(saved: Path, opened: Any, par
     bpy.ops.heritage.open_project(directory=str(away))
     assert len(bpy.data.scenes) == scenes and projects(part) == {away}
     assert len([obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"]) == 1
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_an_object_of_another_file_keeps_its_project(
+    saved: Path, opened: Any, part: Part, tmp_path: Path, link: bool
+) -> None:
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+    (tmp_path / "other").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other" / "other.blend"))
+    command = bpy.ops.wm.link if link else bpy.ops.wm.append
+    assert command(directory=f"{saved}/Object/", filename="Vase") == {"FINISHED"}
+    assert projects(part) == {saved.parent / opened.folder.name}
