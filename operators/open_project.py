@@ -8,6 +8,7 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
+from ..engine.errors import ProjectError
 from ..engine.project_content import scene_file
 from ..gaussian_heritage_addon import open_projects, problems
 from ..gaussian_heritage_addon.first_view import show_scene
@@ -66,11 +67,6 @@ class HERITAGE_OT_find_project(bpy.types.Operator):
     directory: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
     filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether the project of the scene is missing."""
-        return is_missing(context.scene.heritage)
-
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the folder."""
         context.window_manager.fileselect_add(self)
@@ -80,6 +76,8 @@ class HERITAGE_OT_find_project(bpy.types.Operator):
         """Relink the scene and its objects."""
         project = Path(bpy.path.abspath(self.directory)).absolute()
         scene_file(project)
+        if not is_missing(context.scene.heritage):
+            raise ProjectError("No project of this scene is missing. Use Open Project for another one.")
         relink(project_of(context.scene.heritage), project)
         problems.clear()
         return {"FINISHED"}

@@ -83,7 +83,8 @@ def test_a_missing_project_is_said_and_chosen_by_one_button(saved: Path, opened:
     vase = isolated()["vase"]
     assert bpy.ops.heritage.find_project(directory=str(away)) == {"FINISHED"}
     assert projects(part) == {away} and isolated()["vase"] == vase
-    assert not bpy.ops.heritage.find_project.poll()
+    with pytest.raises(RuntimeError, match="No project of this scene is missing"):
+        bpy.ops.heritage.find_project(directory=str(away))
 
 
 def test_opening_a_moved_project_relinks_its_scene(saved: Path, opened: Any, part: Part) -> None:
