@@ -4,6 +4,7 @@ import bpy
 
 from . import (
     display_settings,
+    following,
     guards,
     job_runner,
     measurement_history,
@@ -35,6 +36,7 @@ def register() -> None:
     solid_mode.register()
     open_projects.register()
     measurement_history.register()
+    following.register()
     splat_view.register()
     translations.register()
 
@@ -43,6 +45,7 @@ def unregister() -> None:
     """Remove them from Blender."""
     translations.unregister()
     splat_view.unregister()
+    following.unregister()
     measurement_history.unregister()
     open_projects.unregister()
     solid_mode.unregister()

@@ -12,10 +12,11 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import DiskError, ObjectError, SettingsError
+from ..engine.errors import DiskError, ObjectError, ProjectError, SettingsError
 from ..engine.files import path_within
 from ..engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz, write_usd
 from ..engine.scene import Gaussians, far_gaussians, read_camera_set
+from .moved_projects import is_missing
 from .placement import frame_of_object
 from .properties import HeritageObject, project_of, record_of
 from .sog_pictures import encode_picture
@@ -141,6 +142,7 @@ def _with_bands(gaussians: Gaussians, count: int) -> Gaussians:
 
 def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
     splats = SplatScene.of(obj)
+    splats.follow_vertices()
     gaussians, membership, stored = splats.local_gaussians(), splats.membership, splats.stored_file
     kept = np.ones(len(gaussians), bool)
     if membership is not None:
@@ -162,6 +164,11 @@ def _far(obj: bpy.types.Object, gaussians: Gaussians) -> NDArray[np.bool_]:
     none = np.zeros(len(gaussians), bool)
     if not obj.heritage.project:
         return none
+    if is_missing(obj.heritage):
+        raise ProjectError(
+            f"The project {project_of(obj.heritage)} is missing, so the far Gaussians of {obj.name} cannot be told. "
+            "Choose its folder with Find Project, or export with far Gaussians."
+        )
     cameras = path_within(project_of(obj.heritage), "cameras")
     if not (cameras / "cameras.json").is_file():
         return none

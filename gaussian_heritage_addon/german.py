@@ -36,6 +36,7 @@ TEXTS: dict[str, str] = {
     "Box": "Rechteck",
     "By Hand": "Von Hand",
     "Cameras": "Kameras",
+    "Colour of the Cameras' Health": "Farbe für den Zustand der Kameras",
     "Cancel": "Abbrechen",
     "Catalogue Number": "Inventarnummer",
     "Check": "Prüfen",
@@ -100,6 +101,7 @@ TEXTS: dict[str, str] = {
     "Fetch Model": "Modell laden",
     "Files": "Dateien",
     "Find All": "Alle finden",
+    "Find Project": "Projekt suchen",
     "Floaters": "Schwebende Reste",
     "Folder": "Ordner",
     "Format": "Format",
@@ -112,6 +114,7 @@ TEXTS: dict[str, str] = {
     "Gaussian Splats": "Gaussian Splats",
     "Gaussian Splats, One File (.ply/.glb/.spz/.sog/.usd)": "Gaussian Splats, eine Datei (.ply/.glb/.spz/.sog/.usd)",
     "Gaussians: {:,.0f}": "Gauß-Glocken: {:.0f}",
+    "Health of the Cameras": "Zustand der Kameras",
     "glTF": "glTF",
     "Ground": "Boden",
     "Ground from Plane": "Boden aus Ebene",
@@ -235,6 +238,10 @@ TEXTS: dict[str, str] = {
     "Take from Object": "Vom Objekt wegnehmen",
     "The result of {} is ready. This scene shows another project.": (
         "Das Ergebnis von {} ist fertig. Diese Szene zeigt ein anderes Projekt."
+    ),
+    "The project is missing. Press Find Project.": "Das Projekt fehlt. Drücken Sie „Projekt suchen“.",
+    "The project {} is missing. Choose the folder that it is in now.": (
+        "Das Projekt {} fehlt. Wählen Sie den Ordner, in dem es jetzt ist."
     ),
     "The unit is unknown. Pick two points whose distance you know.": (
         "Die Einheit ist unbekannt. Klicken Sie zwei Punkte an, deren Abstand Sie kennen."

@@ -16,6 +16,9 @@ TEXTS: dict[str, str] = {
         "Eine Gauß-Glocke mit weniger anderen in ihrer Nähe gilt als einzeln; die meisten haben etwa 20"
     ),
     "A video to take the photos from, instead of a folder": "Ein Video statt eines Ordners, aus dem die Fotos kommen",
+    "Choose where the missing project of this scene is now. The scene and its objects stay as they are": (
+        "Wählen, wo das fehlende Projekt dieser Szene jetzt ist. Szene und Objekte bleiben, wie sie sind"
+    ),
     "A whole scene": "Eine ganze Szene",
     "Add a camera for each photo": "Für jedes Foto eine Kamera hinzufügen",
     "Add a project folder to this file: its scene, cameras and objects. Each project has a scene of its own": (
@@ -147,6 +150,7 @@ TEXTS: dict[str, str] = {
     "From the smallest part (a lid) to the whole it belongs to (the vase)": (
         "Vom kleinsten Teil (dem Deckel) bis zum Ganzen (der Vase)"
     ),
+    "green, yellow or red; empty if unknown": "grün, gelb oder rot; leer, wenn unbekannt",
     "Hide all objects but the one selected in the list; again: show all but the background": (
         "Alle Objekte außer dem gewählten der Liste ausblenden; noch einmal: alle außer dem Hintergrund zeigen"
     ),
@@ -357,6 +361,7 @@ TEXTS: dict[str, str] = {
     "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs": (
         "Was die Datei angibt; sonst Y für SPZ, und -Y wie in den Dateien der meisten Programme"
     ),
+    "What the photos say about their cameras": "Was die Fotos über ihre Kameras aussagen",
     "What the points mean": "Was die Punkte bedeuten",
     (
         "Write the catalogue record and how the object was made into the file. Without it, an imported PLY "

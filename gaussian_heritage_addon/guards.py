@@ -23,8 +23,10 @@ __all__ = [
     "Timer",
     "add_change_handler",
     "add_draw_handler",
+    "add_import_handler",
     "add_load_handler",
     "add_menu_entry",
+    "add_save_handlers",
     "add_undo_handler",
     "property_callbacks",
     "redraw",
@@ -32,6 +34,7 @@ __all__ = [
     "remove_change_handler",
     "remove_draw_handler",
     "remove_handler",
+    "remove_save_handlers",
     "remove_menu_entry",
     "subscribe",
     "unsubscribe",
@@ -276,6 +279,48 @@ def add_undo_handler(function: Callable[[], None]) -> None:
     _add_handler(function, bpy.app.handlers.undo_post, bpy.app.handlers.redo_post)
 
 
+def add_save_handlers(before: Callable[[str], None], after: Callable[[str], None]) -> None:
+    """Call `before` and `after` with the path of each .blend file that Blender writes, also where it fails."""
+    for function, events in (
+        (before, [bpy.app.handlers.save_pre]),
+        (after, [bpy.app.handlers.save_post, bpy.app.handlers.save_post_fail]),
+    ):
+        handler = _save_handler(_guarded(function, Timer._failed))
+        for event in events:
+            event.append(handler)
+            _SAVE_HANDLERS.append((event, handler))
+
+
+def _save_handler(guarded: Function) -> Function:
+    def at_saving(file: str, *_: Any) -> None:
+        guarded(file)
+
+    return bpy.app.handlers.persistent(at_saving)  # type: ignore[no-any-return]
+
+
+def remove_save_handlers() -> None:
+    """Undo `add_save_handlers`."""
+    while _SAVE_HANDLERS:
+        event, handler = _SAVE_HANDLERS.pop()
+        event.remove(handler)
+
+
+_SAVE_HANDLERS: list[tuple[list[Function], Function]] = []
+
+
+def add_import_handler(function: Callable[[list[tuple[bpy.types.ID, str]]], None]) -> None:
+    """Call `function` with the data that was appended or linked, and the path of the .blend file of each."""
+
+    def after_import(context: Any, *_: Any) -> None:
+        items = [(item.id, item.source_library) for item in context.import_items]
+        guarded([(one, library.filepath) for one, library in items if one is not None and library is not None])
+
+    guarded = _guarded(function, Timer._failed)
+    handler = bpy.app.handlers.persistent(after_import)
+    _HANDLERS[function] = [(bpy.app.handlers.blend_import_post, handler)]
+    bpy.app.handlers.blend_import_post.append(handler)
+
+
 def _add_handler(function: Callable[[], None], *events: list[Function]) -> None:
     def after_event(*_: Any) -> None:
         guarded()
@@ -287,13 +332,13 @@ def _add_handler(function: Callable[[], None], *events: list[Function]) -> None:
         event.append(handler)
 
 
-def remove_handler(function: Callable[[], None]) -> None:
-    """Undo `add_load_handler` or `add_undo_handler`; nothing happens where it was not called."""
+def remove_handler(function: Callable[..., None]) -> None:
+    """Undo `add_load_handler`, `add_undo_handler` or `add_import_handler`; nothing happens where it was not called."""
     for event, handler in _HANDLERS.pop(function, ()):
         event.remove(handler)
 
 
-_HANDLERS: dict[Callable[[], None], list[tuple[list[Function], Function]]] = {}
+_HANDLERS: dict[Callable[..., None], list[tuple[list[Function], Function]]] = {}
 
 
 def add_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:

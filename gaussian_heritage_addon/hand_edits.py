@@ -161,7 +161,7 @@ def new_object(scene: bpy.types.Scene, name: str, rows: NDArray[np.integer], who
 def merge_objects(target: bpy.types.Object, others: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> int:
     """Add the Gaussians of `others` to `target`, delete the others, and return how many Gaussians are new in it."""
     whole = whole_of(target, scene)
-    if any(other.heritage.project != target.heritage.project for other in others):
+    if any(project_of(other.heritage) != project_of(target.heritage) for other in others):
         raise ObjectError("Objects of different projects cannot be merged. Select objects of one project.")
     added = add_rows(target, np.concatenate([member_rows(other) for other in others]), whole)
     for other in others:

@@ -12,6 +12,7 @@ from .curve import stored_curve
 from .default_objects import untouched_defaults
 from .first_view import CATEGORY
 from .layouts import draw_curve, draw_job, draw_text
+from .moved_projects import is_missing
 from .open_projects import is_open_elsewhere
 from .properties import HeritageScene, project_of
 from .results import PROJECT_KINDS
@@ -96,6 +97,11 @@ def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     properties: HeritageScene = scene.heritage
     project = project_of(properties)
     layout.label(text=project.name, icon="FILE_3D")
+    if is_missing(properties):
+        sentence = translated("The project {} is missing. Choose the folder that it is in now.", str(project))
+        draw_text(layout, sentence, icon="ERROR")
+        layout.operator("heritage.find_project", icon="VIEWZOOM")
+        return
     if is_open_elsewhere(project):
         draw_text(
             layout, "Another Blender has this project open. What both store, only the later one keeps.", icon="ERROR"

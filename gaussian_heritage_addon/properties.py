@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -94,7 +95,8 @@ def project_of(properties: HeritageScene | HeritageObject) -> Path:
         When no folder can have that path.
     """
     # Absolute, so that the engine never takes it for an option.
-    path = Path(bpy.path.abspath(properties.project)).absolute()
+    owner = properties.id_data
+    path = Path(os.path.abspath(bpy.path.abspath(properties.project, library=owner.library)))
     try:
         path.stat()
     except (FileNotFoundError, NotADirectoryError, PermissionError):
@@ -279,7 +281,13 @@ class HeritageScene(bpy.types.PropertyGroup):
     """Properties of a scene: ``scene.heritage``."""
 
     project: Annotated[
-        str, StringProperty(name="Project", description="Project folder of this scene", subtype="DIR_PATH")
+        str,
+        StringProperty(
+            name="Project",
+            description="Project folder of this scene",
+            subtype="DIR_PATH",
+            options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        ),
     ]
     camera_colour: Annotated[
         str, StringProperty(name="Colour of the Cameras' Health", description="green, yellow or red; empty if unknown")
@@ -369,7 +377,9 @@ class HeritageObject(bpy.types.PropertyGroup):
             ],
         ),
     ]
-    project: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
+    project: Annotated[
+        str, StringProperty(name="Project", subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"})
+    ]
     object_id: Annotated[str, StringProperty(name="Object Id")]
     prompt: Annotated[str, StringProperty(name="Prompt")]
     score: Annotated[

@@ -6,8 +6,9 @@ Attribute names are those of the splats built into Blender 5.3, so that its tool
 from __future__ import annotations
 
 import contextlib
+import secrets
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
@@ -17,9 +18,10 @@ from numpy.typing import NDArray
 from ..engine.errors import ObjectError
 from ..engine.formats import logits_of, transform_gaussians
 from ..engine.scene import Gaussians
+from .moved_vertices import mark_as_right, moves_since
 from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import ANTIALIASED, ANTIALIASED_KEY, add_display, set_display_input
-from .stored_file import StoredFile, stored_file, unit_quats, with_stored_values
+from .stored_file import StoredFile, forget_lost_digits, stored_file, unit_quats, with_stored_values
 
 __all__ = ["SplatScene"]
 
@@ -196,7 +198,39 @@ class SplatScene:
                 sh=sh,
                 antialiased=self.is_antialiased,
             )
-            return with_stored_values(mesh, gaussians, scale, base[:, 3])
+            gaussians = with_stored_values(mesh, gaussians, scale, base[:, 3])
+            for linear, rows in moves_since(mesh) or ():
+                gaussians = _with_rows(gaussians, rows, _turned(gaussians[rows], linear))
+            return gaussians
+
+    def follow_vertices(self) -> bool:
+        """Put sizes, rotations and colours right after vertices were moved without them; see `moved_vertices`.
+
+        Returns
+        -------
+        bool
+            Whether something was changed. Nothing is changed in Edit Mode, or in a mesh of another file.
+        """
+        obj = self.object
+        mesh = obj.data
+        if obj.mode == "EDIT" or mesh.is_editmode or mesh.library is not None:
+            return False
+        moves = moves_since(mesh)
+        if moves is None:
+            if "heritage_made_as" not in mesh.attributes:
+                mark_as_right(mesh, _new_number())
+            return False
+        if moves:
+            gaussians = self.local_gaussians()
+            rows = np.concatenate([rows for _, rows in moves])
+            _overwrite(mesh, "rotation", unit_quats(gaussians.quats), rows)
+            _overwrite(mesh, "scale", gaussians.scales, rows)
+            for k in range(1, gaussians.sh.shape[1]):
+                _overwrite(mesh, f"radiance:sh_{k - 1}", gaussians.sh[:, k], rows)
+            forget_lost_digits(mesh, rows)
+        mark_as_right(mesh)
+        mesh.update_tag()
+        return bool(moves)
 
     @property
     def is_antialiased(self) -> bool:
@@ -277,8 +311,32 @@ def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer]
     mesh.attributes.new("gaussian_index", "INT", "POINT").data.foreach_set("value", index.astype(np.int32))
     if membership is not None:
         mesh.attributes.new("membership", "FLOAT", "POINT").data.foreach_set("value", _flat(membership))
+    mark_as_right(mesh, _new_number())
     # The display computes the attribute; the mode Solid draws the one that has this name.
     mesh.attributes.active_color_name = COLOR_ATTRIBUTE
+
+
+def _new_number() -> int:
+    return 1 + secrets.randbelow(2**31 - 1)
+
+
+def _turned(gaussians: Gaussians, linear: NDArray[np.float64]) -> Gaussians:
+    """Return Gaussians that were moved by a map with their vertices, at the positions that they have already."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    return replace(transform_gaussians(gaussians, matrix), means=gaussians.means)
+
+
+def _with_rows(gaussians: Gaussians, rows: NDArray[np.intp], values: Gaussians) -> Gaussians:
+    log_scales, quats, sh = gaussians.log_scales.copy(), gaussians.quats.copy(), gaussians.sh.copy()
+    log_scales[rows], quats[rows], sh[rows] = values.log_scales, values.quats, values.sh
+    return replace(gaussians, log_scales=log_scales, quats=quats, sh=sh)
+
+
+def _overwrite(mesh: bpy.types.Mesh, name: str, values: NDArray[np.floating], rows: NDArray[np.intp]) -> None:
+    attribute, all_values = mesh.attributes[name], _read(mesh, name)
+    all_values[rows] = values[rows]
+    attribute.data.foreach_set(_ELEMENT[attribute.data_type], _flat(all_values))
 
 
 def _flat(values: NDArray[np.floating]) -> Float32:

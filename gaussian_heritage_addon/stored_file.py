@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..engine.formats import PlyFile, Up
 from ..engine.scene import Gaussians
 
-__all__ = ["StoredFile", "keep_file", "stored_file", "unit_quats", "with_stored_values"]
+__all__ = ["StoredFile", "forget_lost_digits", "keep_file", "stored_file", "unit_quats", "with_stored_values"]
 
 _PREFIX = "ply."
 _LOG_SCALE, _OPACITY, _ROTATION = f"{_PREFIX}log_scale", f"{_PREFIX}opacity_logit", f"{_PREFIX}rotation"
@@ -134,6 +134,15 @@ def stored_file(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> StoredFile | Non
 def _lost(mesh: bpy.types.Mesh) -> NDArray[np.float64] | None:
     lost, more = _read(mesh, _LOST), _read(mesh, _LOST_MORE)
     return None if lost is None or more is None else lost.astype(np.float64) + more
+
+
+def forget_lost_digits(mesh: bpy.types.Mesh, rows: NDArray[np.intp]) -> None:
+    """Store that the positions of `rows` have no more digits than Blender's: they are not those of the file."""
+    for name in (_LOST, _LOST_MORE):
+        values = _read(mesh, name)
+        if values is not None:
+            values[rows] = 0
+            mesh.attributes[name].data.foreach_set("vector", values.ravel())
 
 
 def unit_quats(quats: NDArray[np.float32]) -> NDArray[np.float64]:

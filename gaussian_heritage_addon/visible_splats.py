@@ -179,7 +179,7 @@ def _labels_of_scene(
     count = scene_count(whole)
     best, owner = np.zeros(count, np.float32), np.full(count, -1, np.int32)
     for obj in isolated:
-        if obj.heritage.project != whole.heritage.project or obj.heritage.kind == "background":
+        if project_of(obj.heritage) != project_of(whole.heritage) or obj.heritage.kind == "background":
             continue
         one = SplatScene.of(obj)
         rows, membership = one.index(count), one.membership

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..gaussian_heritage_addon.moved_projects import is_missing
 from ..gaussian_heritage_addon.translations import translated
 
 __all__ = ["is_project_open"]
@@ -11,5 +12,9 @@ __all__ = ["is_project_open"]
 
 def is_project_open(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
     """Return whether a project is open; if not, the tooltip of the disabled button says what to do."""
+    properties = context.scene.heritage
+    if is_missing(properties):
+        operator.poll_message_set(translated("The project is missing. Press Find Project."))
+        return False
     operator.poll_message_set(translated("Import a photo folder or open a project first."))
-    return bool(context.scene.heritage.project)
+    return bool(properties.project)

@@ -8,9 +8,12 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
+from ..engine.errors import ProjectError
 from ..engine.project_content import scene_file
-from ..gaussian_heritage_addon import open_projects
+from ..gaussian_heritage_addon import open_projects, problems
 from ..gaussian_heritage_addon.first_view import show_scene
+from ..gaussian_heritage_addon.moved_projects import is_missing, relink, relink_scene_of
+from ..gaussian_heritage_addon.properties import project_of
 from ..gaussian_heritage_addon.results import scene_for
 from ..gaussian_heritage_addon.scene_file import open_project
 from ..gaussian_heritage_addon.typed_properties import blender_properties
@@ -39,6 +42,7 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
         """Import the project."""
         project = Path(bpy.path.abspath(self.directory)).absolute()
         scene_file(project)
+        relink_scene_of(project)
         scene = scene_for(project)
         if context.window is not None:
             context.window.scene = scene
@@ -52,4 +56,31 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = [HERITAGE_OT_open_project]
+@blender_properties
+class HERITAGE_OT_find_project(bpy.types.Operator):
+    """Choose where the missing project of this scene is now. The scene and its objects stay as they are"""
+
+    bl_idname = "heritage.find_project"
+    bl_label = "Find Project"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
+    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Open the file browser to select the folder."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Relink the scene and its objects."""
+        project = Path(bpy.path.abspath(self.directory)).absolute()
+        scene_file(project)
+        if not is_missing(context.scene.heritage):
+            raise ProjectError("No project of this scene is missing. Use Open Project for another one.")
+        relink(project_of(context.scene.heritage), project)
+        problems.clear()
+        return {"FINISHED"}
+
+
+CLASSES = [HERITAGE_OT_open_project, HERITAGE_OT_find_project]

@@ -85,9 +85,14 @@ def test_guards_keep_what_blender_and_users_read(part: Part) -> None:
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_operator_that_fails_reports_a_sentence(
-    part: Part, log: Path, error: Exception, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    part: Part,
+    log: Path,
+    error: Exception,
+    project: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    bpy.context.scene.heritage.project = "/nowhere"
+    bpy.context.scene.heritage.project = str(project.folder)
     operators = [cls for cls in registered_classes(part) if issubclass(cls, bpy.types.Operator)]
     for cls in operators:
         failing(monkeypatch, vars(cls)["execute"], error)
