@@ -21,7 +21,7 @@ _TURNS = {1: ((1, 0), (0, 1)), 3: ((-1, 0), (0, -1)), 6: ((0, -1), (1, 0)), 8: (
 
 
 def draw_model(rng: np.random.Generator, mixture: Mixture, used: Sequence[str], base: Path) -> tuple[Path, set[str]]:
-    """Write cameras of the photos `used`, one of each shot; return what to choose, and the photos that have a camera."""
+    """Write cameras of the photos `used`, one of each shot; return what to choose, and the photos with a camera."""
     names = dict(zip(used, _names(rng, mixture, used), strict=True))
     kind = str(rng.choice(["COLMAP", "COLMAP", "COLMAP", "transforms.json", "Metashape", "RealityCapture"]))
     mixture.kinds.add(kind)
@@ -69,9 +69,7 @@ def _stored(shot: Shot) -> tuple[NDArray[np.float64], int, int]:
     return turn @ shot.viewmat, *((h, w) if shot.orientation >= 5 else (w, h))
 
 
-def _colmap(
-    rng: np.random.Generator, mixture: Mixture, names: dict[str, str], base: Path
-) -> tuple[Path, set[str]]:
+def _colmap(rng: np.random.Generator, mixture: Mixture, names: dict[str, str], base: Path) -> tuple[Path, set[str]]:
     ignores = all(shot.orientation in _TURNS for shot in mixture.shots) and rng.random() < 0.6
     if ignores and any(shot.orientation > 1 for shot in mixture.shots):
         mixture.kinds.add("model of stored pictures")
@@ -100,7 +98,9 @@ def _add(
 ) -> None:
     h, w = shot.pixels.shape[:2]
     viewmat, width, height = _stored(shot) if ignores else (shot.viewmat, w, h)
-    lens = pycolmap.Camera(model="SIMPLE_PINHOLE", width=width, height=height, params=[shot.focal, width / 2, height / 2])
+    lens = pycolmap.Camera(
+        model="SIMPLE_PINHOLE", width=width, height=height, params=[shot.focal, width / 2, height / 2]
+    )
     lens.camera_id = number
     model.add_camera_with_trivial_rig(lens)
     # Points with the colours of the photo, at depths of a room.
