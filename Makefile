@@ -20,7 +20,7 @@ PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -155,6 +155,9 @@ stability: ## float32 against float64 in stiff and extreme cases; writes docs/st
 
 fuzz: setup ## damaged inputs to every reader for FUZZ_S seconds, on Linux; writes docs/security_fuzz.md
 	$(ENGINE) -m benchmarks.security.fuzz --seconds $(FUZZ_S) --out docs/security_fuzz.md
+
+mixtures: setup ## 300 mixed photo folders with a known truth, into docs/photos.md; 7 CPU minutes
+	$(ENGINE) -m benchmarks.mixtures --doc docs/photos.md
 
 clean: ## remove results and caches, keep the environments
 	rm -rf out dist build *.egg-info .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

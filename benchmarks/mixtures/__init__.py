@@ -1,0 +1,1 @@
+"""Photo folders, cameras and prompts mixed at random, with a known truth: ``python -m benchmarks.mixtures``."""
