@@ -73,7 +73,8 @@ def draw_folder(rng: np.random.Generator, folder: Path) -> Mixture:
     mixture = Mixture(folder, [])
     style = str(rng.choice(["plain", "two folders", "spaces", "decomposed", "long", "capitals"]))
     mixture.kinds.add(f"names: {style}")
-    turned = bool(rng.random() < 0.6)
+    # A program that ignores EXIF can use rotated photos, and no mirrored ones.
+    orientations = [[1], [1, 3, 6, 8], [1, 2, 3, 4, 5, 6, 7, 8]][int(rng.choice(3, p=[0.4, 0.4, 0.2]))]
     for index in range(count):
         view = views[(first + index) % len(views)]
         with Image.open(_ROOM / "photos" / view["file"]) as image:
@@ -84,7 +85,7 @@ def draw_folder(rng: np.random.Generator, folder: Path) -> Mixture:
             picture, focal = picture.crop((w // 4, h // 4, w - w // 4, h - h // 4)), focal * 2
         picture = picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
         kind = str(rng.choice(list(_SUFFIXES)))
-        orientation = int(rng.choice([1, 2, 3, 4, 5, 6, 7, 8])) if turned and kind in ("JPEG", "PNG", "WebP") else 1
+        orientation = int(rng.choice(orientations)) if kind in ("JPEG", "PNG", "WebP") else 1
         if orientation > 1:
             mixture.kinds.add("EXIF rotation" if orientation in (3, 6, 8) else "EXIF mirroring")
         suffix = _SUFFIXES[kind]
