@@ -202,7 +202,7 @@ def _no_photos(mixture: Mixture, rng: np.random.Generator) -> None:
             stream = io.BytesIO(stream.getvalue()[: stream.tell() // 2])
             name += ".jpg"
         elif kind == "float TIFF":
-            tifffile.imwrite(stream, np.asarray(picture, np.float32))
+            tifffile.imwrite(stream, np.asarray(picture, np.float32), photometric="rgb")
             name += ".tif"
         elif kind == "GIF":
             picture.save(stream, "GIF")
