@@ -74,13 +74,14 @@ def _positions(mesh: bpy.types.Mesh) -> Float32:
     return values
 
 
-def linear_maps(before: NDArray[np.floating], after: NDArray[np.floating]) -> LinearMaps:
-    """Return the linear parts of the maps that took the positions `before` to those `after`, both of shape [N, 3].
+def linear_maps(earlier: NDArray[np.floating], later: NDArray[np.floating]) -> LinearMaps:
+    """Return the linear parts of the maps that took the positions `earlier` to those `later`, both of shape [N, 3].
 
     Positions that no map explains, such as those of single vertices that were moved by hand, follow the map that comes
     nearest. Positions that moved in no common way, as with a brush, follow none.
     """
-    before, after = np.asarray(before, np.float64), np.asarray(after, np.float64)
+    before: Float64 = np.asarray(earlier, np.float64)
+    after: Float64 = np.asarray(later, np.float64)
     finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
     left, maps = np.flatnonzero(finite), []
     groups: list[NDArray[np.intp]] = []

@@ -12,7 +12,7 @@ from .vocabulary_words import adjectives, normalised, word_list
 __all__ = ["join_texts", "split_texts"]
 
 _QUOTES = ('""', "“”", "„“", "„”", "«»", "»«", "‘’", "‚‘", "''")
-_QUOTED_FORMS = "|".join(rf"{first}(?:[^{last}\n]|{last}(?=\w))+{last}" for first, last in _QUOTES)
+_QUOTED_FORMS = "|".join(rf"{first}(?:[^{last}\n]|{last}(?=\w))+{last}" for first, last in map(tuple, _QUOTES))
 _QUOTED = re.compile(rf"(?<!\w)(?:{_QUOTED_FORMS})(?!\w)")
 _LIST_MARK = re.compile(r"^\s*(?:[-*–—•·]\s+|\(?\d{1,3}[.)]\s+)", re.MULTILINE)
 _FULL_STOP = re.compile(r"(?:(?<=\w\w)|(?<=[^\w\s.]))\.+(?=\s|$)|(?<=[^\W\d]{2})\.(?=[^\W\d]{2})")
