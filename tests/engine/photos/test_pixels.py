@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -15,6 +14,8 @@ from engine.photos.exif import UPRIGHT_TRANSPOSES
 from engine.photos.loading import load_pixels
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
+
+from .opencv import write_picture
 
 ORIENTATION, EXIF_IFD = 0x0112, 0x8769
 
@@ -56,13 +57,13 @@ def test_sixteen_bits_are_rounded_to_eight(tmp_path: Path) -> None:
     ramp = np.linspace(0, 65535, 64 * 48).reshape(48, 64).astype(np.uint16)
     for suffix in ("png", "tif"):
         path = tmp_path / f"gray.{suffix}"
-        cv2.imwrite(str(path), ramp)
+        write_picture(path, ramp)
         pixels = load_pixels(path)
         assert pixels.dtype == np.uint8
         assert np.abs(pixels[..., 0] - ramp / 257.0).max() <= 0.5
         assert (pixels == pixels[..., :1]).all()
         path = tmp_path / f"colour.{suffix}"
-        cv2.imwrite(str(path), np.stack([ramp, ramp // 2, ramp // 3], axis=-1))
+        write_picture(path, np.stack([ramp, ramp // 2, ramp // 3], axis=-1))
         pixels = load_pixels(path)
         # Pillow keeps the upper byte of 16-bit colour: at most one level below the rounded value.
         assert np.abs(pixels - np.stack([ramp // 3, ramp // 2, ramp], axis=-1) / 257.0).max() <= 1.0

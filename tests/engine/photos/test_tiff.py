@@ -17,6 +17,7 @@ from PIL import Image
 from engine.errors import PhotoError
 from engine.photos.loading import load_pixels
 
+from .opencv import read_picture, write_picture
 from .test_pixels import corners
 
 HEIGHT, WIDTH = 48, 64
@@ -131,7 +132,7 @@ def test_other_compressions_are_read_as_by_opencv(tmp_path: Path, mode: str, com
         source.save(tmp_path / "plain.tif")
         expected = load_pixels(tmp_path / "plain.tif")
     else:
-        expected = cv2.cvtColor(cv2.imread(str(path), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        expected = cv2.cvtColor(read_picture(path), cv2.COLOR_BGR2RGB)
     # JPEG at Pillow's quality of 75, upsampled by two decoders.
     assert np.abs(pixels - expected).mean() < (4 if compression == "jpeg" else 0.01)
 
@@ -179,7 +180,7 @@ def test_packed_bits_are_read_right_or_refused(tmp_path: Path, bits: int) -> Non
 )
 def test_other_formats_are_read_as_by_opencv(tmp_path: Path, name: str, make: Any) -> None:
     make().save(tmp_path / name, **({"quality": 95} if name.endswith(("jpg", "webp")) else {}))
-    expected = cv2.cvtColor(cv2.imread(str(tmp_path / name), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    expected = cv2.cvtColor(read_picture(tmp_path / name), cv2.COLOR_BGR2RGB)
     # Two decoders of JPEG round differently where chroma is upsampled.
     assert np.abs(load_pixels(tmp_path / name).astype(int) - expected).mean() < 1
 
@@ -189,8 +190,8 @@ def test_sixteen_bits_of_png_are_read_as_by_opencv(tmp_path: Path, channels: int
     values = np.random.default_rng(0).integers(0, 65536, (HEIGHT, WIDTH, channels), dtype=np.uint16)
     if channels == 4:
         values[..., 3] = 65535
-    cv2.imwrite(str(tmp_path / "a.png"), values)
-    read = cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED).reshape(HEIGHT, WIDTH, channels)
+    write_picture(tmp_path / "a.png", values)
+    read = read_picture(tmp_path / "a.png", cv2.IMREAD_UNCHANGED).reshape(HEIGHT, WIDTH, channels)
     expected = np.broadcast_to(read[..., :3][..., ::-1], (HEIGHT, WIDTH, 3)) / 257.0
     assert np.abs(load_pixels(tmp_path / "a.png") - expected).max() <= 1.0
 

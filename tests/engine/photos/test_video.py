@@ -13,6 +13,8 @@ from engine.events import ignore_events, never_stop
 from engine.photos import extract_frames, is_video
 from engine.photos.settings import VideoSettings
 
+from .opencv import read_picture
+
 SIDE = 256
 SETTINGS = VideoSettings(min_frames=4, max_frames=20, motion_between=0.1, looks_per_second=30)
 
@@ -32,7 +34,7 @@ def write_video(path: Path, offsets: list[int], blurred: set[int] = frozenset())
 
 def frames_of(video: Path, out: Path, settings: VideoSettings = SETTINGS) -> list[int]:
     files = extract_frames(video, out, settings, emit=ignore_events, should_stop=never_stop)
-    assert all(cv2.imread(str(file)).shape == (SIDE, SIDE, 3) for file in files)
+    assert all(read_picture(file).shape == (SIDE, SIDE, 3) for file in files)
     return [int(file.stem.rpartition("_")[2]) for file in files]
 
 
