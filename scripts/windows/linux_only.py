@@ -5,7 +5,7 @@ from __future__ import annotations
 __all__ = ["BLENDER", "GROUPS", "NOT_ON_WINDOWS", "QUICK"]
 
 GROUPS = {
-    "processes": ("tests/engine/test_child_process.py", "tests/engine/jobs"),
+    "processes": ("tests/engine/test_child_process.py", "tests/engine/jobs", "tests/engine/system"),
     "files": ("tests/engine/files", "tests/engine/test_project_folder.py"),
     "structure of photos": ("tests/engine/photos",),
     "installer": ("tests/engine/installation",),
@@ -13,7 +13,7 @@ GROUPS = {
     "formats": ("tests/engine/formats", "tests/engine/scene"),
     "records": ("tests/engine/records", "tests/engine/packages"),
     "command line": ("tests/engine/test_cli.py", "tests/engine/test_events.py", "tests/engine/test_settings.py"),
-    "computer": ("tests/engine/test_machine.py", "tests/engine/test_doctor.py", "tests/engine/test_provenance.py"),
+    "computer": ("tests/engine/test_doctor.py", "tests/engine/test_provenance.py"),
     "pipeline": ("tests/engine/test_pipeline.py", "tests/engine/test_first_release.py"),
     "add-on without Blender": ("tests/addon",),
 }
