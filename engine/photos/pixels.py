@@ -40,7 +40,7 @@ __all__ = [
 
 _LOG = logging.getLogger(__name__)
 
-_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "HEIF")
+_FORMATS = {"JPEG": "JPEG", "PNG": "PNG", "TIFF": "TIFF", "WebP": "WEBP", HEIC: "HEIF"}
 """Pillow's names of the formats that are read. Pillow's other plug-ins are not tried: one of them starts another
 program."""
 # Protects against decompression bombs. The largest camera backs used in museums have fewer pixels.
@@ -183,7 +183,8 @@ def opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Ima
 def _identified(stream: IO[bytes], path: Path, kind: str) -> Image.Image:
     """Return the picture of a file of a known kind."""
     try:
-        return Image.open(stream, formats=_FORMATS)
+        # The content has been looked at: no other decoder is tried.
+        return Image.open(stream, formats=(_FORMATS[kind],))
     except Image.UnidentifiedImageError as error:
         if kind == "TIFF":
             problem = "is damaged, or stores its samples in a way that is not read"
