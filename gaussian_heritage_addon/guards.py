@@ -248,7 +248,7 @@ class Timer:
             bpy.app.timers.unregister(self._call)
 
     @staticmethod
-    def _failed(sentence: str) -> None:
+    def _failed(sentence: str, *_: Any) -> None:
         problems.show(sentence)
         with contextlib.suppress(Exception):
             redraw()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ..engine.errors import HeritageError
+from ..engine.errors import HeritageError, ProjectError
 from ..engine.files import path_within
 from ..engine.project_content import is_project, list_objects
 from ..engine.scene import read_camera_set
@@ -22,7 +22,12 @@ _before: list[tuple[bpy.types.ID, Path]] = []
 
 def is_missing(properties: HeritageScene | HeritageObject) -> bool:
     """Return whether a scene or object names a project that is not there."""
-    return bool(properties.project) and not is_project(project_of(properties))
+    if not properties.project:
+        return False
+    try:
+        return not is_project(project_of(properties))
+    except ProjectError:  # no folder can have that path
+        return True
 
 
 def _sentence(project: Path) -> str:
@@ -30,10 +35,18 @@ def _sentence(project: Path) -> str:
 
 
 def _holders() -> Iterator[bpy.types.Scene | bpy.types.Object]:
-    """Yield the scenes and objects of this file that name a project; those of linked files cannot be changed."""
+    """Yield the scenes and objects of this file that name a project; those of linked files cannot be changed.
+
+    A path that no folder can have, in a file of someone else, is left as it is.
+    """
     for one in (*bpy.data.scenes, *bpy.data.objects):
-        if one.library is None and one.heritage.project:
-            yield one
+        if one.library is not None or not one.heritage.project:
+            continue
+        try:
+            project_of(one.heritage)
+        except ProjectError:
+            continue
+        yield one
 
 
 def _stored(project: Path, folder: Path | None) -> str:
