@@ -50,7 +50,7 @@ class StopOnSignal:
         self._looked = -_LOOK_SECONDS
 
     def __enter__(self) -> StopOnSignal:
-        numbers = [number for number in signal.valid_signals() if getattr(number, "name", "") in self._NAMES]
+        numbers = [getattr(signal, name) for name in self._NAMES if hasattr(signal, name)]
         self._before = {
             number: signal.signal(number, self._request) for number in numbers if not _is_left_to_nohup(number)
         }
@@ -82,7 +82,7 @@ class StopOnSignal:
 
 def _is_left_to_nohup(number: int) -> bool:
     """Return whether `number` is SIGHUP and ignored: the user started this with nohup, to close the terminal."""
-    return getattr(number, "name", "") == "SIGHUP" and signal.getsignal(number) == signal.SIG_IGN
+    return number == getattr(signal, "SIGHUP", None) and signal.getsignal(number) == signal.SIG_IGN
 
 
 def _leave_closed_terminal() -> None:
