@@ -15,11 +15,11 @@ _WHEEL = b"a wheel" * 20
 
 
 def _write_bundle(folder: Path) -> None:
-    from engine.installation.bundle import this_platform
+    from engine.system import package_system
 
     files = {"wheels/one-1.0-py3-none-any.whl": _WHEEL, "models/one.onnx": b"weights"}
     info = {
-        "version": 1, "platform": this_platform(), "python": "3.11", "torch": "cpu",
+        "version": 1, "platform": package_system(), "python": "3.11", "torch": "cpu",
         "files": {name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
     }  # fmt: skip
     with zipfile.ZipFile(folder / "bundle.zip", "w") as archive:

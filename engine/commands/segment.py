@@ -171,6 +171,7 @@ def _pointed(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
     prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
+    project.require_intact("cameras")
     prompt = prompt_in_known_photos(prompt, project.path)
     segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
     records = segmenter.segment(prompt, "object" if options.name is None else options.name)

