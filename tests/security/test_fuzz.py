@@ -90,7 +90,7 @@ NOT_REACHED = {
     "engine/models/download.py": "the file that was just received",
     "engine/system/processes.py": "what the system states",
     "engine/system/limits.py": "what the system states",
-    "gaussian_heritage_addon/render_settings.py:_former": "in Blender alone: tests/blender/addon/test_scene_settings.py",
+    "gaussian_heritage_addon/render_settings.py:_former": "in Blender alone: its tests are in tests/blender",
     "engine/packages/page.py": "our own viewer, and the Gaussians that were just written",
 }
 """Functions that need no entry among the readers, with the reason: mostly what they read instead of an input."""
