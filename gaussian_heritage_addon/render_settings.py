@@ -7,6 +7,8 @@ import json
 
 import bpy
 
+from ..engine.errors import FormatError
+from ..engine.files import parse_json
 from .default_objects import untouched_defaults
 from .properties import apply_blending, heritage_objects, photo_of, view_transform_of
 
@@ -110,10 +112,10 @@ def _apply(scene: bpy.types.Scene, settings: dict[str, object]) -> None:
 
 def _former(scene: bpy.types.Scene) -> dict[str, object]:
     try:
-        stored = json.loads(scene.heritage.former_settings or "{}")
-    except (ValueError, RecursionError):
+        stored = parse_json(scene.heritage.former_settings or "{}", dict, source="The former settings", advice="")
+    except FormatError:
         return {}
-    return {name: stored[name] for name in _wanted(scene) if name in stored} if isinstance(stored, dict) else {}
+    return {name: stored[name] for name in _wanted(scene) if name in stored}
 
 
 def _is_equal(one: object, other: object) -> bool:
