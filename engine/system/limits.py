@@ -16,7 +16,6 @@ __all__ = [
     "cpu_seconds_limited",
     "exit_cause",
     "ignore_signals_of_the_terminal",
-    "killed_for_cpu_time",
     "killed_for_memory",
     "killed_for_time",
     "limit_memory",
@@ -32,11 +31,6 @@ _WINDOWS_NO_MEMORY = (0xC0000017, 0xC000012D)
 def killed_for_time(code: int) -> bool:
     """Return whether an exit code says that `wall_seconds_limited` ended the process."""
     return sys.platform != "win32" and code == -signal.SIGALRM
-
-
-def killed_for_cpu_time(code: int) -> bool:
-    """Return whether an exit code says that `cpu_seconds_limited` ended the process."""
-    return sys.platform != "win32" and code == -signal.SIGXCPU
 
 
 def killed_for_memory(code: int) -> bool:

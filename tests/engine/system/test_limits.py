@@ -6,14 +6,14 @@ import sys
 
 import pytest
 
-from engine.system import exit_cause, killed_for_cpu_time, killed_for_memory, killed_for_time, limits
+from engine.system import exit_cause, killed_for_memory, killed_for_time, limits
 
 
 @pytest.mark.parametrize("system", sorted({"win32", sys.platform}))
 def test_success_is_no_timeout_on_any_system(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows has no SIGALRM, whose number a timeout was recognised by."""
     monkeypatch.setattr(limits.sys, "platform", system)
-    assert not any(killed(0) for killed in (killed_for_time, killed_for_cpu_time, killed_for_memory))
+    assert not any(killed(0) for killed in (killed_for_time, killed_for_memory))
 
 
 @pytest.mark.parametrize(
