@@ -72,7 +72,6 @@ def run_logged(
             f"{log} cannot be written: {error.strerror or error}. Check the disk and permissions."
         ) from error
     with record, log.open("r", encoding="utf-8", errors="replace") as output:
-        output.seek(begin)
         try:
             process = subprocess.Popen(
                 [str(part) for part in command],
@@ -90,7 +89,11 @@ def run_logged(
                 running = process.poll() is None
                 if running:
                     time.sleep(_POLL_SECONDS)
-                for line in output:
+                # Wine's C runtime reads nothing more behind an end of the file that it has seen.
+                output.seek(begin)
+                lines = output.readlines()
+                begin = output.tell()
+                for line in lines:
                     on_line(line)
                     if "ERROR" in line or "Error" in line or not last:
                         last = line.strip()

@@ -65,8 +65,10 @@ class Target:
             **self.system.markers, "python_version": self.version, "python_full_version": f"{self.version}.9",
             "implementation_name": "cpython", "platform_python_implementation": "CPython",
         }  # fmt: skip
+        text = read_text(file, advice="Check out the repository again.", max_bytes=_MAX_BYTES)
         kept = []
-        for entry in _ENTRY.split(read_text(file, advice="Check out the repository again.", max_bytes=_MAX_BYTES)):
+        # A checkout on Windows may have its line ends.
+        for entry in _ENTRY.split(text.replace("\r\n", "\n")):
             head = _HEAD.match(entry)
             if head and (head[2] is None or Marker(head[2]).evaluate(environment)):
                 kept.append(f"{head[1]} {head[3].lstrip()}")

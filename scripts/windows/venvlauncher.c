@@ -38,9 +38,18 @@ static int read_home(const wchar_t *file, wchar_t *home)
     return found;
 }
 
+/* The command line behind the name of the program. */
+static const wchar_t *arguments_of(const wchar_t *line)
+{
+    wchar_t end = *line == L'"' ? *line++ : L' ';
+    while (*line && *line != end)
+        line++;
+    return *line == L'"' ? line + 1 : line;
+}
+
 int wmain(void)
 {
-    static wchar_t self[LENGTH], file[LENGTH], program[LENGTH];
+    static wchar_t self[LENGTH], file[LENGTH], program[LENGTH], command[2 * LENGTH];
     if (!GetModuleFileNameW(NULL, self, LENGTH))
         return fail(L"no name of this program");
     const wchar_t *name = wcsrchr(self, L'\\') + 1;
@@ -59,7 +68,8 @@ int wmain(void)
     PROCESS_INFORMATION process;
     GetStartupInfoW(&start);
     SetConsoleCtrlHandler(stay, TRUE);
-    wchar_t *command = _wcsdup(GetCommandLineW());
+    /* Its first word is the Python that is started: that is where it takes sys._base_executable from. */
+    swprintf(command, 2 * LENGTH, L"\"%ls\"%ls", program, arguments_of(GetCommandLineW()));
     if (!CreateProcessW(program, command, NULL, NULL, TRUE, 0, NULL, NULL, &start, &process))
         return fail(program);
     AssignProcessToJobObject(job, process.hProcess);

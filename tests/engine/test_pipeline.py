@@ -354,7 +354,7 @@ def test_damaged_files_are_said_and_made_again_and_the_objects_stay(kind: str, s
         "report/report.html": "report",
     }
     small.run()
-    before = json.loads((small.path / "project.json").read_text())["stages"]
+    before = json.loads((small.path / "project.json").read_text(encoding="utf-8"))["stages"]
     for name, stage in stages.items():
         whole = damage(small.path / name, kind)
         events = small.run()
@@ -367,7 +367,7 @@ def test_damaged_files_are_said_and_made_again_and_the_objects_stay(kind: str, s
             assert (small.path / name).read_bytes() == whole
         assert [record.name for record in list_objects(small.path)] == ["vase"]
         assert computed(small.run()) == []
-    after = json.loads((small.path / "project.json").read_text())["stages"]
+    after = json.loads((small.path / "project.json").read_text(encoding="utf-8"))["stages"]
     for stage in ("photos", "cameras", "training"):
         assert after[stage]["key"] == before[stage]["key"] and after[stage]["outputs"] == before[stage]["outputs"]
         # Not a measure of what the stage costs.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import zipfile
 from pathlib import Path
 
@@ -25,7 +26,8 @@ def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             )
             archive.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
             archive.writestr(f"{info}/RECORD", "")
-    for name, value in {"FIND_LINKS": folder, "NO_INDEX": 1, "CONFIG_FILE": "/dev/null"}.items():
+    # As an address, since pip divides the variable at blanks.
+    for name, value in {"FIND_LINKS": folder.as_uri(), "NO_INDEX": 1, "CONFIG_FILE": os.devnull}.items():
         monkeypatch.setenv(f"PIP_{name}", str(value))
     return folder
 

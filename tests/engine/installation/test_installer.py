@@ -144,6 +144,7 @@ old==4.0 ; python_full_version < '3.12' \\
 """
 
 
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
 @pytest.mark.parametrize(
     ("system", "version", "names"),
     [
@@ -152,9 +153,9 @@ old==4.0 ; python_full_version < '3.12' \\
     ],
 )  # fmt: skip
 def test_bundle_for_another_system_has_the_packages_of_that_system(
-    system: str, version: str, names: list[str], tmp_path: Path
+    system: str, version: str, names: list[str], line_end: str, tmp_path: Path
 ) -> None:
-    (tmp_path / "locked.txt").write_text(LOCKED, encoding="utf-8")
+    (tmp_path / "locked.txt").write_text(LOCKED, encoding="utf-8", newline=line_end)
     text = Target(SYSTEMS[system], version).requirements(tmp_path / "locked.txt")
     assert [line.partition("==")[0] for line in text.splitlines() if "==" in line] == names
     assert text.count("--hash=sha256:") == len(names) and ";" not in text

@@ -11,6 +11,7 @@ import pytest
 from engine.errors import Cancelled, EnvironmentProblem
 from engine.installation import Pip, locked_arguments
 from engine.installation.pip_command import run_logged
+from engine.system import python_in
 
 from .conftest import locked
 
@@ -23,7 +24,7 @@ def pip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pip:
 
 def test_file_with_another_hash_is_not_installed(pip: Pip, wheels: Path, tmp_path: Path) -> None:
     pip.install(locked_arguments(locked(wheels, "our_package")))
-    assert "Would install our-package-1.0" in (tmp_path / "log").read_text()
+    assert "Would install our-package-1.0" in (tmp_path / "log").read_text(encoding="utf-8")
     with pytest.raises(EnvironmentProblem, match="pip could not install"):
         pip.install(locked_arguments(locked(wheels, "our_package", "0" * 64)))
 
@@ -47,7 +48,7 @@ def test_folder_of_wheels_takes_the_place_of_every_index(
     for name in ("FIND_LINKS", "NO_INDEX"):
         monkeypatch.delenv(f"PIP_{name}")
     venv.create(tmp_path / "environment", with_pip=True)
-    python = tmp_path / "environment" / "bin" / "python"
+    python = python_in(tmp_path / "environment")
     Pip(python, tmp_path / "log", wheels=wheels).install(["our-package"])
     run_logged([python, "-c", "import our_package"], tmp_path / "log", "not installed")
 
