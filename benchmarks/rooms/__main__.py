@@ -1,6 +1,6 @@
 """The command line of the random rooms: ``python -m benchmarks.rooms COMMAND``.
 
-example: python -m benchmarks.rooms run --draw baseline --doc docs/segmentation.md
+example: python -m benchmarks.rooms run --draw "opaque scenes" --doc docs/segmentation.md
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from engine.errors import Cancelled, DiskError, HeritageError, ProjectError, Set
 from engine.events import never_stop
 from engine.terminal import EventOutput
 
+from .draw_rows import read_rows
 from .draws import CHOOSING_ROOMS, Draw, Room, draw_now, read_draws, rooms_of
 from .repository import Repository
 from .running import MeasuringRun
-from .table import draw_section, draw_title, write_tables
+from .table import draws_section, rooms_section, write_tables
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -107,12 +108,8 @@ def _run(options: argparse.Namespace) -> None:
     frozen = draw_now(repository, options.draw) if options.draw is not None else _draw_of(repository, options.commit)
     draws = read_draws(ROOT)
     rooms = _chosen(rooms_of(frozen, options.rooms), options.only)
-    # The baseline is measured in the same rooms, so that both stand side by side.
-    commits = list(dict.fromkeys([draws[0].commit, frozen.commit]))
-    for commit in commits:
-        repository.full_commit(commit)
-    _measuring_run(repository).measure(commits, rooms)
-    _show(draws, [frozen], options.doc)
+    _measuring_run(repository).measure([frozen.commit], rooms)
+    _show(draws, options.doc)
 
 
 def _render(options: argparse.Namespace) -> None:
@@ -127,12 +124,12 @@ def _table(options: argparse.Namespace) -> None:
     draws = read_draws(ROOT)
     if not draws:
         raise _nothing_drawn()
-    _show(draws, draws, options.doc)
+    _show(draws, options.doc)
 
 
-def _show(draws: Sequence[Draw], shown: Sequence[Draw], document: Path | None) -> None:
-    for draw in shown:
-        sys.stdout.write(f"## {draw_title(draw)}\n\n{draw_section(ROOT, draws, draw)}\n\n")
+def _show(draws: Sequence[Draw], document: Path | None) -> None:
+    for section in (rooms_section(ROOT, draws), draws_section(read_rows(ROOT, draws))):
+        sys.stdout.write(f"{section}\n\n")
     if document is not None:
         write_tables(document, ROOT, draws)
 

@@ -190,7 +190,7 @@ def draw_now(repository: Repository, reason: str) -> Draw:
     if problem:
         raise ProjectError(f"{problem}. {_ADVICE}")
     if not reason.strip():
-        raise ProjectError("A draw needs a reason. Write for example: --draw baseline.")
+        raise ProjectError('A draw needs a reason. Write for example: --draw "opaque scenes".')
     draw = Draw(commit, reason.strip(), datetime.date.today().isoformat(), test_seeds(commit))
     append_draw(repository.root, draw)
     return draw

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.errors import FormatError
-from engine.evaluation.results import FOUND_IOU
+from engine.evaluation.results import FOUND_IOU, WHOLE_IOU
 from engine.files import optional, read_json, write_json
 
 from .draws import RESULTS
@@ -115,8 +115,10 @@ class Figures:
     n_objects, n_words, n_absent : int
     iou, boundary_iou : float or None
         By mask, means over the objects.
-    words_found : float or None
-        Words whose object has an IoU of at least 0.5.
+    whole : float or None
+        By mask, objects with an IoU of at least `WHOLE_IOU`.
+    words_found, words_whole : float or None
+        Words whose object has an IoU of at least `FOUND_IOU`, and of at least `WHOLE_IOU`.
     word_iou : float or None
         Mean over all words; 0 for a refused one.
     refused : float or None
@@ -125,8 +127,9 @@ class Figures:
         Words that the detector ranks first on the true mask's crop.
     word_seconds, worst_seconds : float or None
         Median and maximum over all words but the first, which loads the models; wall seconds.
-    all_found, all_iou : float or None
-        Find all: objects with a result of an IoU of at least 0.5, and mean IoU over all objects.
+    all_found, all_whole, all_iou : float or None
+        Find all: objects with a result of an IoU of at least `FOUND_IOU`, of at least `WHOLE_IOU`, and mean IoU over
+        all objects.
     false_finds : float or None
         Number of results of find all that are no object.
     psnr : float or None
@@ -140,13 +143,16 @@ class Figures:
     n_absent: int
     iou: float | None
     boundary_iou: float | None
+    whole: float | None
     words_found: float | None
+    words_whole: float | None
     word_iou: float | None
     refused: float | None
     ceiling: float | None
     word_seconds: float | None
     worst_seconds: float | None
     all_found: float | None
+    all_whole: float | None
     all_iou: float | None
     false_finds: float | None
     psnr: float | None
@@ -171,13 +177,16 @@ def figures_of(result: dict[str, Any], method: str) -> Figures | None:
         n_absent=len(absent),
         iou=_percent(one["iou"] for one in masks),
         boundary_iou=_percent(one["boundary_iou"] for one in masks),
+        whole=_percent(one["iou"] >= WHOLE_IOU for one in masks),
         words_found=_percent(one["iou"] >= FOUND_IOU for one in words),
+        words_whole=_percent(one["iou"] >= WHOLE_IOU for one in words),
         word_iou=_percent(one["iou"] for one in words),
         refused=_percent(one["refused"] for one in absent),
         ceiling=None if ceiling is None else _percent(word == first for word, first in ceiling.items()),
         word_seconds=statistics.median(seconds) if seconds else None,
         worst_seconds=max(seconds, default=None),
         all_found=None if found is None else _percent(one["iou"] >= FOUND_IOU for one in found["objects"]),
+        all_whole=None if found is None else _percent(one["iou"] >= WHOLE_IOU for one in found["objects"]),
         all_iou=None if found is None else _percent(one["iou"] for one in found["objects"]),
         false_finds=None if found is None else float(found["n_false"]),
         psnr=result["test_psnr"],

@@ -48,30 +48,30 @@ def run(arguments: Sequence[str], capsys: pytest.CaptureFixture[str]) -> tuple[i
     return code, captured.out, captured.err
 
 
-def test_the_baseline_is_drawn_measured_and_shown(
+def test_a_method_is_drawn_measured_and_shown(
     repository: Repository, measured_rooms: list[tuple[str, str]], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     document = tmp_path / "segmentation.md"
-    code, shown, _ = run(["run", "--draw", "baseline", "--doc", str(document)], capsys)
+    code, shown, _ = run(["run", "--draw", "better votes", "--doc", str(document)], capsys)
     assert code == 0 and len(measured_rooms) == 8 + 5
-    assert "5 test (*test*)" in shown and shown.split("\n")[0] in document.read_text(encoding="utf-8")
-    assert read_draws(repository.root)[0].reason == "baseline"
+    row = f"| {repository.head()[:8]} | better votes |"
+    assert "5 test (*test*)" in shown and row in shown and row in document.read_text(encoding="utf-8")
+    assert read_draws(repository.root)[0].reason == "better votes"
     assert run(["run"], capsys)[0] == 0 and len(measured_rooms) == 13, "nothing is measured twice"
 
 
-def test_a_later_method_is_measured_with_the_baseline_on_its_test_rooms(
+def test_an_earlier_method_is_measured_on_its_own_test_rooms(
     repository: Repository, measured_rooms: list[tuple[str, str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["run", "--draw", "baseline", "--rooms", "choosing"], capsys)[0] == 0
-    baseline = repository.head()
+    assert run(["run", "--draw", "first", "--rooms", "choosing"], capsys)[0] == 0
+    first = repository.head()
     measured_rooms.clear()
     method = commit(repository, "engine/code.py", "METHOD = 2\n")
     assert run(["run", "--draw", "better votes", "--rooms", "test"], capsys)[0] == 0
-    rooms = [f"test_{method[:8]}_{number}" for number in range(1, 6)]
-    assert sorted(measured_rooms) == sorted((one, room) for one in (baseline, method) for room in rooms)
+    assert measured_rooms == [(method, f"test_{method[:8]}_{number}") for number in range(1, 6)]
     measured_rooms.clear()
-    assert run(["run", "--commit", baseline[:10], "--only", f"test_{baseline[:8]}_2"], capsys)[0] == 0
-    assert measured_rooms == [(baseline, f"test_{baseline[:8]}_2")]
+    assert run(["run", "--commit", first[:10], "--only", f"test_{first[:8]}_2"], capsys)[0] == 0
+    assert measured_rooms == [(first, f"test_{first[:8]}_2")]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_ctrl_c_ends_the_run_with_a_sentence(
     repository: Repository, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(command_line.MeasuringRun, "measure", raising(KeyboardInterrupt()))
-    code, _, said = run(["run", "--draw", "baseline"], capsys)
+    code, _, said = run(["run", "--draw", "better votes"], capsys)
     assert (code, said) == (130, "Stopped. Run the same command again to continue.\n")
 
 
@@ -121,5 +121,5 @@ def test_a_full_disk_is_said_in_a_sentence(
 ) -> None:
     error = OSError(28, "No space left on device", "out/rooms/room_1")
     monkeypatch.setattr(command_line.MeasuringRun, "measure", raising(error))
-    code, _, said = run(["run", "--draw", "baseline"], capsys)
+    code, _, said = run(["run", "--draw", "better votes"], capsys)
     assert code == 1 and "out/rooms/room_1 cannot be used: No space left on device. Check the disk." in said
