@@ -143,7 +143,7 @@ def test_unexpected_error_is_a_sentence_and_its_trace_in_the_log(
     assert main(["reconstruct", str(tmp_path), "--out", str(tmp_path / "p"), "--events"]) == 1
     (error,) = errors_of(capsys)
     assert "database or disk is full" in error["message"]
-    assert "Traceback" in (tmp_path / "p" / "log.jsonl").read_text()
+    assert "Traceback" in (tmp_path / "p" / "log.jsonl").read_text(encoding="utf-8")
 
 
 def test_error_of_the_system_names_its_file(

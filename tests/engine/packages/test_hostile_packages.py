@@ -64,7 +64,16 @@ def test_pipe_in_a_package_does_not_hang(tmp_path: Path) -> None:
         verify_package(bag)
 
 
-@pytest.mark.parametrize("name", ["../a.txt", "/a.txt", "bag/../../a.txt", "C:/a.txt", "bag/data\\a.txt"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../a.txt", "/a.txt", "bag/../../a.txt", "C:/a.txt",
+        pytest.param(
+            "bag/data\\a.txt",
+            marks=pytest.mark.skipif(os.sep == "\\", reason="zipfile reads it as a name inside of the package there"),
+        ),
+    ],
+)  # fmt: skip
 def test_zip_with_a_name_that_leads_out_is_refused(tmp_path: Path, name: str) -> None:
     path = write_small_zip(tmp_path / "bag.zip", "bag/data/NAME.txt")
     data = path.read_bytes().replace(b"bag/data/NAME.txt", name.encode().ljust(17, b"x"))
