@@ -14,7 +14,7 @@ from engine.events import Event, StageFinished, Warned, never_stop
 from engine.objects import trash
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_membership
-from engine.objects.trash import delete_object, list_trash
+from engine.records import delete_object, list_trash
 from engine.objects_stage import objects_stage
 from engine.project_folder import ProjectFolder
 from engine.rasterizer import Device

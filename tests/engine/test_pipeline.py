@@ -20,7 +20,7 @@ from engine.events import Event, Metric, Progress, StageFinished, Warned, ignore
 from engine.masks.storage import label_map_path, read_label_map
 from engine.objects import trash
 from engine.objects.storage import list_objects, load_membership, save_object
-from engine.objects.trash import list_trash, restore_object
+from engine.records import list_trash, restore_object
 from engine.pipeline import PipelineSettings, reconstruct
 from engine.planning.decisions import PlanSettings
 from engine.project_folder import ProjectFolder
