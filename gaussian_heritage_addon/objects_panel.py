@@ -9,8 +9,10 @@ import bpy
 from ..engine.errors import HeritageError
 from ..engine.refused_prompts import NotFound, read_not_found
 from .layouts import draw_text
+from .not_stored import changes_of, draw_not_stored
 from .pictures import picture_icon
 from .properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
+from .stored_objects import seen
 from .translations import translated
 
 __all__ = ["CLASSES"]
@@ -51,6 +53,9 @@ class HERITAGE_UL_objects(bpy.types.UIList):
         row = layout.split(factor=_NAME_SHARE, align=True)
         row.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
         row.prop(item.heritage, "threshold", text="", slider=True)
+        if item.library is None and changes_of(item, seen(item.heritage).get(item.heritage.object_id)):
+            # Not as stored; below the list stands the button that stores it.
+            row.label(text="", icon="FILE_TICK")
         eye = "HIDE_ON" if item.heritage.hidden else "HIDE_OFF"
         row.prop(item.heritage, "hidden", text="", icon=eye, emboss=False)
 
@@ -102,6 +107,7 @@ class HERITAGE_PT_objects(bpy.types.Panel):
             if not_found is not None:
                 _draw_not_found(layout.box(), not_found)
         layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
+        draw_not_stored(layout, context.scene)
         obj = active_object(context.scene)
         if obj is not None:
             _draw_object(layout, obj)

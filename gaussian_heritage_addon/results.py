@@ -12,7 +12,9 @@ from ..engine.jobs import Job, JobState
 from ..engine.refused_prompts import dismiss
 from .model_files import states_of
 from .new_objects import show_new_objects
+from .object_state import forget_known, owners
 from .preferences import store_check_result, store_model_states
+from .project_history import remember_objects
 from .properties import heritage_objects, project_of
 from .scene_file import add_objects, open_project, scene_name
 from .solid_mode import update_shapes
@@ -72,10 +74,13 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     new_ids, kept_ids = [one for one in found if one not in existing], [*_ids(state, "kept"), *existing]
     scene.heritage.project = str(project)
     present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
+    before = {object_id: obj.heritage_state.state for (one, object_id), obj in owners().items() if one == project}
+    deleted = _ids(state, "deleted")
     # Objects of the project that were found again may be missing in this file.
     add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
-    deleted = set(_ids(state, "deleted"))
-    scene.heritage.deleted = "\n".join(one for one in scene.heritage.deleted.split("\n") if one not in deleted)
+    forget_known(project, deleted)
+    before |= dict(zip(deleted, _ids(state, "deleted_states"), strict=False))
+    remember_objects(project, before, [*new_ids, *deleted])
     scene.heritage.show = "OBJECTS"
     show_new_objects(scene, found)
 

@@ -53,6 +53,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     import numpy as np
 
     from ..objects import load_membership, load_object
+    from ..records import object_states
     from .stored_edits import read_membership, store_edits
 
     if not any((options.set, options.merge, options.threshold, options.level, options.rename, options.delete)):
@@ -67,6 +68,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             both = [memberships.get(one, load_membership(project.path, one)) for one in ids]
             memberships[ids[0]] = np.maximum(*both)
             deleted.append(ids[1])
+        states = object_states(project.path)
         records = store_edits(
             project,
             memberships,
@@ -79,7 +81,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     message = " ".join(
         [*([f"Stored {names}."] if names else []), *([f"Deleted {', '.join(deleted)}."] if deleted else [])]
     )
-    emit(Finished(message, {"objects": [record.id for record in records], "deleted": deleted}))
+    # What stores an edit knows by these what to bring back from the trash when the edit is undone.
+    deleted_states = [states[object_id] for object_id in deleted]
+    outputs = {"objects": [record.id for record in records], "deleted": deleted, "deleted_states": deleted_states}
+    emit(Finished(message, outputs))
     return 0
 
 

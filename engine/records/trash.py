@@ -26,7 +26,16 @@ from ..files import (
 from ..project_folder import SCENE_OUTPUT, ProjectFolder
 from ..system import replace_file
 from .museum_record import MUSEUM_RECORD_FILE
-from .object_record import COMPUTED_FILES, RECORD_FILE, ObjectRecord, new_id, new_name, read_record, recorded_files, write_record
+from .object_record import (
+    COMPUTED_FILES,
+    RECORD_FILE,
+    ObjectRecord,
+    new_id,
+    new_name,
+    read_record,
+    recorded_files,
+    write_record,
+)
 from .object_states import state_of
 from .stored_objects import list_objects, load_object, object_ids, taken_ids
 

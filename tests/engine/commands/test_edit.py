@@ -10,7 +10,7 @@ import pytest
 
 from engine.objects import list_objects, load_membership, load_object, object_gaussians
 from engine.objects.storage import save_object
-from engine.records import ObjectRecord, list_trash
+from engine.records import ObjectRecord, list_trash, object_states
 from engine.scene import load_polished
 from engine.scene.polished import Polished
 from tests.engine.command_line import call
@@ -67,8 +67,11 @@ def test_new_object_name_merge_and_deletion(
 ) -> None:
     floor = tmp_path / "floor.npy"
     np.save(floor, of_part(blobs, 0))
+    blue = object_states(scene)["blue"]
     answer = call(capsys, "edit", scene, "--set", f"böden={floor}", "--rename", "böden=Böden", "--delete", "blue")
-    assert answer.of_kind("finished")[0]["outputs"] == {"objects": ["böden"], "deleted": ["blue"]}
+    outputs = answer.of_kind("finished")[0]["outputs"]
+    assert (outputs["objects"], outputs["deleted"]) == (["böden"], ["blue"])
+    assert outputs["deleted_states"] == [blue]
     assert load_object(scene, "Böden").prompt == {"kind": "hand"}
     assert call(capsys, "edit", scene, "--merge", "red=twin").code == 0
     assert np.array_equal(load_membership(scene, "red"), np.isin(blobs.part, (RED, TWIN)))
