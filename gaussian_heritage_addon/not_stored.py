@@ -23,7 +23,15 @@ from .splats import SplatScene
 from .stored_objects import StoredObject, look, seen
 from .translations import translated
 
-__all__ = ["changes_of", "deleted_names", "draw_not_stored", "store_arguments", "unstored_objects"]
+__all__ = [
+    "changes_of",
+    "is_unstored",
+    "deleted_names",
+    "draw_not_stored",
+    "missing_names",
+    "store_arguments",
+    "unstored_objects",
+]
 
 
 def changes_of(obj: bpy.types.Object, stored: StoredObject | None) -> list[str]:
@@ -48,7 +56,7 @@ def changes_of(obj: bpy.types.Object, stored: StoredObject | None) -> list[str]:
         return ["new"]
     is_shown = {
         "gaussians": not properties.is_edited,
-        "version": not state.state or properties.is_edited or state.state == stored.state,
+        "version": properties.is_edited or state.state == stored.state,
         "threshold": abs(properties.threshold - stored.threshold) < 1e-6,
         "level": properties.level == properties.stored_level,
         "name": state.object_name in ("", stored.name),
@@ -59,28 +67,46 @@ def changes_of(obj: bpy.types.Object, stored: StoredObject | None) -> list[str]:
 
 def unstored_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Return the isolated objects of `scene` that its project does not have as they are shown, as last looked."""
-    return [
-        obj
-        for obj in heritage_objects(scene, "OBJECT")
-        if obj.library is None and changes_of(obj, seen(obj.heritage).get(obj.heritage.object_id))
-    ]
+    return [obj for obj in heritage_objects(scene, "OBJECT") if is_unstored(obj)]
+
+
+def is_unstored(obj: bpy.types.Object) -> bool:
+    """Return whether the project of an isolated object does not have it as it is shown, as last looked."""
+    if obj.library is not None or obj.heritage_state.is_copy:
+        return False
+    stored = seen(obj.heritage)
+    # Of a project that is missing, nothing is known.
+    return bool(obj.heritage.is_edited or (stored is not None and changes_of(obj, stored.get(obj.heritage.object_id))))
 
 
 def deleted_names(scene: bpy.types.Scene) -> list[str]:
     """Return the names of the objects that were deleted in this file, but not in the project."""
-    stored = seen(scene.heritage)
+    stored = seen(scene.heritage) or {}
     return [stored[one].name for one in scene.heritage.deleted.split("\n") if one in stored]
+
+
+def missing_names(scene: bpy.types.Scene) -> list[str]:
+    """Return the names of the objects of the project that no scene of this file has had."""
+    stored, project = seen(scene.heritage), scene.heritage.project
+    if not stored or not project:
+        return []
+    known = known_objects(project_of(scene.heritage))
+    shown = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
+    return [one.name for object_id, one in stored.items() if object_id not in known and object_id not in shown]
 
 
 def draw_not_stored(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """Draw what is not stored, and the button that stores it; nothing where Blender and the project agree."""
-    names, deleted = [obj.name for obj in unstored_objects(scene)], deleted_names(scene)
+    names, deleted, missing = [obj.name for obj in unstored_objects(scene)], deleted_names(scene), missing_names(scene)
     if names:
         draw_text(layout, translated("Not stored: {}", ", ".join(names)), icon="INFO")
     if deleted:
         draw_text(layout, translated("Deleted, not stored: {}", ", ".join(deleted)), icon="INFO")
     if names or deleted:
         layout.operator("heritage.store_edits", icon="FILE_TICK")
+    if missing:
+        draw_text(layout, translated("Only in the project: {}", ", ".join(missing)), icon="INFO")
+        layout.operator("heritage.open_project", icon="FILE_REFRESH").directory = str(project_of(scene.heritage))
 
 
 def store_arguments(scene: bpy.types.Scene) -> list[str]:

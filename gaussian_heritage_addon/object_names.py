@@ -88,7 +88,7 @@ def _renamed_to(obj: bpy.types.Object) -> str | None:
 
 def _former_name(obj: bpy.types.Object) -> str:
     """Return the name in the project of an object that says none: Blender may have added a number to it."""
-    stored = seen(obj.heritage).get(obj.heritage.object_id)
+    stored = (seen(obj.heritage) or {}).get(obj.heritage.object_id)
     numbered = _NUMBERED.fullmatch(obj.name)
     return stored.name if stored is not None and numbered is not None and numbered[1] == stored.name else obj.name
 
@@ -100,7 +100,7 @@ def _allowed(obj: bpy.types.Object, name: str) -> str:
         for other in all_objects()
         if other != obj and other.heritage.project == obj.heritage.project
     }
-    stored = {one.name for key, one in seen(obj.heritage).items() if key != obj.heritage.object_id}
+    stored = {one.name for key, one in (seen(obj.heritage) or {}).items() if key != obj.heritage.object_id}
     taken = {*others, *stored, *(other.name for other in bpy.data.objects if other != obj)}
     numbered = _NUMBERED.fullmatch(name)
     return new_name(numbered[1] if numbered is not None and numbered[1] in taken else name, [*taken])

@@ -35,23 +35,18 @@ __all__ = [
 class HeritageState(bpy.types.PropertyGroup):
     """Properties of an isolated object that Blender undoes with it: ``obj.heritage_state``."""
 
-    state: Annotated[
-        str, StringProperty(name="State", description="State of the object in the project that is shown here")
-    ]
-    threshold: Annotated[float, FloatProperty(name="Threshold in the Project", default=-1.0)]
-    object_name: Annotated[
-        str, StringProperty(name="Object Name", description="Name that the object has or gets in its project")
-    ]
-    shown_name: Annotated[
-        str, StringProperty(name="Shown Name", description="Name that the object had in Blender under that name")
-    ]
-    stored_name: Annotated[
-        str, StringProperty(name="Name in the Project", description="Name that the project was seen to have last")
-    ]
-    is_copy: Annotated[
-        bool,
-        BoolProperty(name="Copy", description="Copied or appended: what is changed in it stays in this file"),
-    ]
+    state: Annotated[str, StringProperty(options={"HIDDEN"})]
+    """State of the object in the project, as of `state_of`, that is shown here; empty for one that is new."""
+    threshold: Annotated[float, FloatProperty(default=-1.0, options={"HIDDEN"})]
+    """Threshold that the project had for it."""
+    object_name: Annotated[str, StringProperty(options={"HIDDEN"})]
+    """Name that it has, or gets, in its project."""
+    shown_name: Annotated[str, StringProperty(options={"HIDDEN"})]
+    """Name that Blender had for that name: another one where the name was in use."""
+    stored_name: Annotated[str, StringProperty(options={"HIDDEN"})]
+    """Name that the project was seen to have last."""
+    is_copy: Annotated[bool, BoolProperty(options={"HIDDEN"})]
+    """Whether it was copied or appended: what is changed in it stays in this file."""
 
 
 CLASSES = [HeritageState]

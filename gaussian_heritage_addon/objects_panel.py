@@ -9,10 +9,9 @@ import bpy
 from ..engine.errors import HeritageError
 from ..engine.refused_prompts import NotFound, read_not_found
 from .layouts import draw_text
-from .not_stored import changes_of, draw_not_stored
+from .not_stored import draw_not_stored, is_unstored
 from .pictures import picture_icon
 from .properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
-from .stored_objects import seen
 from .translations import translated
 
 __all__ = ["CLASSES"]
@@ -53,7 +52,7 @@ class HERITAGE_UL_objects(bpy.types.UIList):
         row = layout.split(factor=_NAME_SHARE, align=True)
         row.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
         row.prop(item.heritage, "threshold", text="", slider=True)
-        if item.library is None and changes_of(item, seen(item.heritage).get(item.heritage.object_id)):
+        if is_unstored(item):
             # Not as stored; below the list stands the button that stores it.
             row.label(text="", icon="FILE_TICK")
         eye = "HIDE_ON" if item.heritage.hidden else "HIDE_OFF"

@@ -27,11 +27,12 @@ from .guards import (
     remove_datablock_handler,
     remove_handler,
 )
+from .hand_edits import member_rows
 from .object_names import follow_renames, was_renamed
-from .object_state import known_objects, mark_copies, owners
+from .object_state import all_objects, known_objects, mark_copies, owners
 from .properties import HeritageObject, loading, project_of, record_of, set_record_writer
 from .state_history import StateHistory
-from .stored_objects import StoredObject, forget, look
+from .stored_objects import StoredObject, forget, look, look_if_changed
 
 __all__ = ["catch_up", "look_again", "register", "remember_measurement", "remember_objects", "unregister"]
 
@@ -74,9 +75,11 @@ def remember_objects(project: Path, before: dict[str, str | None], after: Iterab
 def look_again() -> None:
     """Read what the projects of this file have of their objects now, and note where Blender shows the same."""
     mark_copies()
-    for project in _projects():
-        _agree(project, look(project))
+    stored = {project: look_if_changed(project) for project in _projects()}
+    # They take the names of other objects in the projects into account.
     follow_renames()
+    for project, objects in stored.items():
+        _agree(project, objects)
 
 
 def catch_up() -> None:
@@ -93,8 +96,10 @@ def catch_up() -> None:
     follow_renames()
     sentences: list[str] = []
     for scene in bpy.data.scenes:
-        if scene.heritage.project:
-            sentences += _follow_measurement(scene)
+        try:
+            sentences += _follow_measurement(scene) if scene.heritage.project else []
+        except HeritageError as error:
+            sentences.append(str(error))
     for project in _projects():
         try:
             sentences += _follow_objects(project)
@@ -227,12 +232,15 @@ def _storing(opened: ProjectFolder, object_id: str, kind: str) -> Callable[[Any]
 
 
 def _agree(project: Path, stored: dict[str, StoredObject]) -> None:
-    """Note the names and records of a project that Blender shows as well: later ones follow from these."""
+    """Note what a project has as Blender shows it: later names and records follow from these."""
     for (one, object_id), obj in owners().items():
         known = stored.get(object_id) if one == project else None
         if known is None:
             continue
         state = obj.heritage_state
+        if not state.state and not obj.heritage.is_edited and len(member_rows(obj)) == known.n_gaussians:
+            # Earlier releases did not say which state they showed.
+            state.state = known.state
         if state.object_name == known.name:
             _history.agree((project, object_id, "name"), known.name)
             if state.stored_name != known.name:
@@ -278,7 +286,8 @@ def _after_change(changed: list[bpy.types.ID]) -> None:
     """Follow new names, and copies, at once."""
     global _n_objects
     count = len(bpy.data.objects)
-    if count == _n_objects and not any(was_renamed(one) for one in changed):
+    # What is hidden is not evaluated, so its change is told without its name.
+    if count == _n_objects and not any(was_renamed(one) for one in changed or all_objects()):
         return
     _n_objects = count
     catch_up()

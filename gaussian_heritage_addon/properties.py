@@ -354,12 +354,8 @@ class HeritageScene(bpy.types.PropertyGroup):
     active: Annotated[int, IntProperty(name="Active Object", get=_get_active, set=_set_active)]
     active_name: Annotated[str, StringProperty(name="Name of the Active Object")]
     active_id: Annotated[str, StringProperty(name="Id of the Active Object")]
-    known: Annotated[
-        str,
-        StringProperty(
-            name="Known Objects", description="Ids of objects of the project that this scene has had, one a line"
-        ),
-    ]
+    # Ids of the objects of the project that this scene has had, one a line.
+    known: Annotated[str, StringProperty(options={"HIDDEN"})]
     # However an object was deleted: in the list, by a key, in the outliner.
     deleted: Annotated[
         str,

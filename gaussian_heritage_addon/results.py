@@ -14,7 +14,7 @@ from .model_files import states_of
 from .new_objects import show_new_objects
 from .object_state import forget_known, owners
 from .preferences import store_check_result, store_model_states
-from .project_history import remember_objects
+from .project_history import look_again, remember_objects
 from .properties import heritage_objects, project_of
 from .scene_file import add_objects, open_project, scene_name
 from .solid_mode import update_shapes
@@ -66,6 +66,7 @@ def import_results(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
 
 def _import_scene(project: Path, state: JobState, scene: bpy.types.Scene) -> None:
     open_project(scene, project)
+    look_again()
     scene.heritage.show = "SCENE"
 
 
