@@ -97,7 +97,7 @@ def store_edits(
     for object_id in deleted:
         delete_object(project, object_id, why="deleted by hand")
     for object_id, (record, membership) in shown.items():
-        _replace(project, record, membership, why="shown otherwise", levels=load_levels(project.path, object_id))
+        _replace(project, record, membership, why="shown otherwise", levels=list(load_levels(project.path, object_id)))
     for object_id, membership in memberships.items():
         if object_id in known and object_id not in deleted:
             _change(project, load_object(project.path, object_id), membership, thresholds.get(object_id))

@@ -28,8 +28,8 @@ from .object_record import (
     rename_object,
     write_record,
 )
-from .object_states import UNREADABLE, object_states, state_of
 from .paradata import describe_object, describe_scene, scene_title
+from .state_digest import UNREADABLE, object_states, state_of
 from .stored_objects import list_objects, load_object, object_ids, taken_ids
 from .trash import bring_back, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
 

@@ -36,7 +36,7 @@ from .object_record import (
     recorded_files,
     write_record,
 )
-from .object_states import state_of
+from .state_digest import state_of
 from .stored_objects import list_objects, load_object, object_ids, taken_ids
 
 __all__ = [
