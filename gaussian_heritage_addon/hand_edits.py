@@ -151,7 +151,7 @@ def new_object(scene: bpy.types.Scene, name: str, rows: NDArray[np.integer], who
     collection[ID_KEY] = ""
     give_new_name(obj, name)
     _mark(obj)
-    return splats
+    return SplatScene.of(obj)
 
 
 def merge_objects(target: bpy.types.Object, others: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> int:

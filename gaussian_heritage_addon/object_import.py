@@ -88,7 +88,7 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
     give_name(obj, item.name)
     obj.heritage_state.stored_name = item.name
     _write_object_properties(obj, project, item, whole)
-    return splats
+    return SplatScene.of(obj)
 
 
 def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:

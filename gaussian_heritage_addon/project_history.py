@@ -175,8 +175,8 @@ def _waiting_states(project: Path, shown: dict[str, bpy.types.Object]) -> list[t
     waiting: list[tuple[str, str, Any]] = []
     for object_id in _history.names_of(project, "state"):
         obj, place = shown.get(object_id), (project, object_id, "state")
-        # What was edited or deleted by hand is stored on request only.
-        if (obj is None and object_id in known) or (obj is not None and obj.heritage.is_edited):
+        # What was edited or deleted by hand is stored on request only, as is a state that an earlier release left out.
+        if object_id in known if obj is None else obj.heritage.is_edited or not obj.heritage_state.state:
             continue
         wanted = None if obj is None else obj.heritage_state.state
         if _history.waits(place, wanted):

@@ -75,7 +75,7 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     new_ids, kept_ids = [one for one in found if one not in existing], [*_ids(state, "kept"), *existing]
     scene.heritage.project = str(project)
     present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
-    before = {object_id: obj.heritage_state.state for (one, object_id), obj in owners().items() if one == project}
+    before = {object_id: _state_of(obj) for (one, object_id), obj in owners().items() if one == project}
     deleted = _ids(state, "deleted")
     # Objects of the project that were found again may be missing in this file.
     add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
@@ -84,6 +84,12 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     remember_objects(project, before, [*new_ids, *deleted])
     scene.heritage.show = "OBJECTS"
     show_new_objects(scene, found)
+
+
+def _state_of(obj: bpy.types.Object) -> str | None:
+    """Return the state of its project's object that `obj` shows; None where it was made by hand and not stored yet."""
+    state: str = obj.heritage_state.state
+    return None if not state and obj.heritage.is_edited else state
 
 
 def _ids(state: JobState, name: str) -> list[str]:

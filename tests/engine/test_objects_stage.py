@@ -11,13 +11,12 @@ import pytest
 
 from engine.errors import EnvironmentProblem
 from engine.events import Event, StageFinished, Warned, never_stop
-from engine.objects import trash
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_membership
 from engine.objects_stage import objects_stage
 from engine.project_folder import ProjectFolder
 from engine.rasterizer import Device
-from engine.records import ObjectRecord, delete_object, list_trash
+from engine.records import ObjectRecord, delete_object, list_trash, trash
 from engine.stage_runner import StageRunner
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BlobScene

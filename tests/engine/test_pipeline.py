@@ -18,12 +18,11 @@ from engine.cli import main
 from engine.errors import Cancelled, ObjectError, ProjectError
 from engine.events import Event, Metric, Progress, StageFinished, Warned, ignore_events, never_stop
 from engine.masks.storage import label_map_path, read_label_map
-from engine.objects import trash
 from engine.objects.storage import list_objects, load_membership, save_object
 from engine.pipeline import PipelineSettings, reconstruct
 from engine.planning.decisions import PlanSettings
 from engine.project_folder import ProjectFolder
-from engine.records import ObjectRecord, list_trash, restore_object
+from engine.records import ObjectRecord, list_trash, restore_object, trash
 from engine.scene import CameraSet, PhotoSet
 from engine.stages import STAGES
 from engine.training.settings import PRESETS
