@@ -14,6 +14,7 @@ import bpy
 from ..engine.errors import HeritageError
 from ..engine.project_content import is_project
 from ..engine.project_folder import hold_mark
+from . import problems
 from .guards import Timer
 from .preferences import user_folder
 from .project_history import catch_up, look_again
@@ -61,8 +62,12 @@ def update() -> None:
 
 def _check() -> float:
     update()
-    look_again()
-    catch_up()
+    try:
+        look_again()
+        catch_up()
+    except HeritageError as error:
+        # The next look may find it mended.
+        problems.show(problems.sentence_of(error))
     return _CHECK_SECONDS
 
 

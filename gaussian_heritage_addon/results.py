@@ -72,7 +72,10 @@ def _import_scene(project: Path, state: JobState, scene: bpy.types.Scene) -> Non
 
 def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> None:
     found, existing = _ids(state, "objects"), _ids(state, "existing")
+    gone = scene.heritage.deleted.split("\n")
     new_ids, kept_ids = [one for one in found if one not in existing], [*_ids(state, "kept"), *existing]
+    # What was deleted in this file, and is not stored yet, comes back only where it was asked for.
+    kept_ids = [one for one in kept_ids if one in existing or one not in gone]
     scene.heritage.project = str(project)
     present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
     before = {object_id: _state_of(obj) for (one, object_id), obj in owners().items() if one == project}

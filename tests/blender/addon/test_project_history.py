@@ -512,3 +512,17 @@ def test_name_that_another_project_has_in_the_same_file_stays_in_both(
     step()
     assert names(part, museum.folder) == {"vase": "Vase", "cup": "Cup"}
     assert names(part, other) == {"vase": "Vase", "cup": "Vase-2"} and not_stored(draw) == []
+
+
+def test_object_deleted_by_a_key_does_not_come_back_by_finding_all(
+    museum: Any, act: Act, part: Part, draw: Callable[[str], Any]
+) -> None:
+    for obj in bpy.context.view_layer.objects:
+        obj.select_set(obj.name == "Cup")
+    bpy.ops.object.delete()
+    step()
+    assert not_stored(draw) == ["Deleted, not stored: Cup"]
+    act(find_all)
+    assert "Cup" not in in_blender(part) and not_stored(draw) == ["Deleted, not stored: Cup"]
+    act(lambda _: bpy.ops.heritage.store_edits())
+    assert in_project(part, museum.folder) == in_blender(part) and not_stored(draw) == []
