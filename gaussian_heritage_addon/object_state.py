@@ -87,10 +87,13 @@ def _scenes_of(project: Path) -> list[HeritageScene]:
     return [one for one in scenes if _folder(one) == project]
 
 
-def add_known(scene: bpy.types.Scene, ids: Iterable[str]) -> None:
-    """Note that `scene` has had these objects of its project."""
-    known = [one for one in scene.heritage.known.split("\n") if one]
-    scene.heritage.known = "\n".join(dict.fromkeys((*known, *ids)))
+def add_known(project: Path, obj: bpy.types.Object) -> None:
+    """Note that the scenes of `project` that `obj` is in have had the object that it shows."""
+    for scene in obj.users_scene:
+        if scene.library is None and scene.heritage.project and _folder(scene.heritage) == project:
+            known = [one for one in scene.heritage.known.split("\n") if one]
+            if obj.heritage.object_id not in known:
+                scene.heritage.known = "\n".join((*known, obj.heritage.object_id))
 
 
 def forget_known(project: Path, ids: Iterable[str]) -> None:

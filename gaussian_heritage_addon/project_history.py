@@ -7,6 +7,7 @@ trash of the project, where those that another step replaced are. What another p
 
 from __future__ import annotations
 
+import contextlib
 import uuid
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
@@ -29,7 +30,7 @@ from .guards import (
 )
 from .hand_edits import member_rows
 from .object_names import follow_renames, was_renamed
-from .object_state import all_objects, known_objects, mark_copies, owners
+from .object_state import add_known, all_objects, known_objects, mark_copies, owners
 from .properties import HeritageObject, loading, project_of, record_of, set_record_writer
 from .state_history import StateHistory
 from .stored_objects import StoredObject, forget, look, look_if_changed
@@ -238,15 +239,23 @@ def _agree(project: Path, stored: dict[str, StoredObject]) -> None:
         if known is None:
             continue
         state = obj.heritage_state
-        if not state.state and not obj.heritage.is_edited and len(member_rows(obj)) == known.n_gaussians:
-            # Earlier releases did not say which state they showed.
-            state.state = known.state
+        if not state.state and not obj.heritage.is_edited:
+            _take_state(obj, project, known)
         if state.object_name == known.name:
             _history.agree((project, object_id, "name"), known.name)
             if state.stored_name != known.name:
                 state.stored_name = known.name
         if record_of(obj) == known.record:
             _history.agree((project, object_id, "record"), known.record)
+
+
+def _take_state(obj: bpy.types.Object, project: Path, known: StoredObject) -> None:
+    """Note which state an object of an earlier release shows, where that is the one that the project has."""
+    # What another program made of the object is told where it is used.
+    with contextlib.suppress(ObjectError):
+        if len(member_rows(obj)) == known.n_gaussians:
+            obj.heritage_state.state = known.state
+            add_known(project, obj)
 
 
 def _write_record(obj: bpy.types.Object) -> None:

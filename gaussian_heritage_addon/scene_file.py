@@ -237,7 +237,8 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
         else add_object(scene, project, item, whole)
         for item in items
     ]
-    add_known(scene, (item.id for item in items))
+    for one in splats:
+        add_known(project, one.object)
     mark_copies()
     if any(obj.heritage.kind != "background" for obj in heritage_objects(scene, "OBJECT")):
         for one in splats:
