@@ -112,7 +112,7 @@ def _note(
 
 def _discard_unfinished(runner: StageRunner, texts: Sequence[str]) -> None:
     """Move objects of `texts` that a killed run stored and did not note to the trash: the texts are isolated again."""
-    from .objects import discard_object, list_objects
+    from .records import discard_object, list_objects
 
     before = (runner.project.get(_FOUND_BY_PROMPT) or {}).get("before")
     if before is None:
@@ -127,7 +127,8 @@ def _forget_damaged_objects(runner: StageRunner, key: str | None) -> None:
 
     A damaged object is copied to the trash before, for what the user changed. What the user deleted is not made again.
     """
-    from .objects import forget_unreadable_record, is_object_intact, keep_version, object_ids
+    from .objects import forget_unreadable_record, is_object_intact
+    from .records import keep_version, object_ids
 
     project = runner.project
     damaged = [one for one in object_ids(project.path) if not is_object_intact(project.path, one)]
@@ -157,7 +158,7 @@ def _found_before(runner: StageRunner, key: str) -> tuple[dict[str, list[str | N
 
     Objects that it made with other settings go to the trash.
     """
-    from .objects import discard_object, object_ids
+    from .records import discard_object, object_ids
 
     before = runner.project.get(_FOUND_BY_PROMPT) or {"key": key, "found": {}}
     found: dict[str, list[str | None]] = before["found"]

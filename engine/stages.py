@@ -406,7 +406,8 @@ def training_stage(
 
 def _discard_objects(runner: StageRunner) -> None:
     """Objects refer to Gaussians by index: those of an earlier training go to the trash."""
-    from .objects import discard_object, forget_candidates, object_ids
+    from .objects import forget_candidates
+    from .records import discard_object, object_ids
 
     ids = object_ids(runner.project.path)
     if not ids:

@@ -7,12 +7,13 @@ from . import (
     following,
     guards,
     job_runner,
-    measurement_history,
+    object_state,
     open_projects,
     panels,
     pictures,
     preferences_page,
     problems,
+    project_history,
     properties,
     solid_mode,
     splat_view,
@@ -22,7 +23,13 @@ from .preferences import user_folder
 
 __all__ = ["register", "unregister"]
 
-_CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *display_settings.CLASSES, *panels.CLASSES]
+_CLASSES = [
+    *preferences_page.CLASSES,
+    *properties.CLASSES,
+    *object_state.CLASSES,
+    *display_settings.CLASSES,
+    *panels.CLASSES,
+]
 
 
 def register() -> None:
@@ -31,12 +38,13 @@ def register() -> None:
     for cls in _CLASSES:
         guards.register_class(cls)
     properties.register()
+    object_state.register()
     display_settings.register()
     job_runner.register()
     solid_mode.register()
     open_projects.register()
-    measurement_history.register()
     following.register()
+    project_history.register()
     splat_view.register()
     translations.register()
 
@@ -45,13 +53,14 @@ def unregister() -> None:
     """Remove them from Blender."""
     translations.unregister()
     splat_view.unregister()
+    project_history.unregister()
     following.unregister()
-    measurement_history.unregister()
     open_projects.unregister()
     solid_mode.unregister()
     job_runner.unregister()
     pictures.unregister()
     display_settings.unregister()
+    object_state.unregister()
     properties.unregister()
     for cls in reversed(_CLASSES):
         bpy.utils.unregister_class(cls)

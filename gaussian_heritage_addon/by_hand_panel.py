@@ -7,7 +7,6 @@ import bpy
 from ..engine.errors import HeritageError
 from ..engine.scene import Measurement
 from .first_view import CATEGORY
-from .hand_edits import edited_objects
 from .layouts import draw_text
 from .measuring import current_measurement, length_text, rulers
 from .properties import HeritageScene, active_object, project_of
@@ -57,15 +56,6 @@ class HERITAGE_PT_by_hand(_ProjectPanel):
             column.operator("heritage.assign_to_object", icon="FORWARD")
             column.operator("heritage.take_selection", icon="REMOVE")
             column.operator("heritage.split_object", text="Split Off as New Object", icon="MOD_EXPLODE").name = ""
-        edited = edited_objects(scene)
-        if edited or scene.heritage.deleted:
-            names = ", ".join(one.name for one in edited)
-            deleted = len(scene.heritage.deleted.split())
-            lines = [translated("Not stored: {}", names)] if names else []
-            lines += [translated("Deleted, not stored: {}", deleted)] if deleted else []
-            for line in lines:
-                draw_text(layout, line, icon="INFO")
-            layout.operator("heritage.store_edits", icon="FILE_TICK")
 
 
 def _draw_regions(layout: bpy.types.UILayout) -> None:

@@ -169,6 +169,7 @@ TEXTS: dict[str, str] = {
     "Open Project": "Projekt öffnen",
     "Open Report": "Bericht öffnen",
     "Open Result": "Ergebnis öffnen",
+    "Only in the project: {}": "Nur im Projekt: {}",
     "Origin": "Ursprung",
     "Part to Whole": "Teil bis Ganzes",
     "Part to Whole: {} of {}": "Teil bis Ganzes: {} von {}",

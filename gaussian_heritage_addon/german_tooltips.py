@@ -327,8 +327,8 @@ TEXTS: dict[str, str] = {
     "Stop the running job. Start the same import again to resume it": (
         "Die laufende Arbeit anhalten. Derselbe Import setzt sie fort"
     ),
-    "Store what was edited by hand in the project. What it replaces or deletes goes to the project's trash": (
-        "Von Hand Geändertes im Projekt speichern. Ersetztes und Gelöschtes kommt in den Papierkorb des Projekts"
+    "Store in the project what Blender shows otherwise. What this replaces or deletes goes to the project's trash": (
+        "Im Projekt speichern, was Blender anders zeigt. Was dabei ersetzt oder gelöscht wird, kommt in den Papierkorb"
     ),
     "Take the Gaussians selected in Edit Mode away from their object. They stay in the scene": (
         "Die Auswahl im Bearbeitungsmodus von ihrem Objekt wegnehmen. In der Szene bleibt sie"

@@ -22,6 +22,7 @@ __all__ = [
     "TIMERS",
     "Timer",
     "add_change_handler",
+    "add_datablock_handler",
     "add_draw_handler",
     "add_import_handler",
     "add_load_handler",
@@ -32,6 +33,7 @@ __all__ = [
     "redraw",
     "register_class",
     "remove_change_handler",
+    "remove_datablock_handler",
     "remove_draw_handler",
     "remove_handler",
     "remove_save_handlers",
@@ -342,10 +344,19 @@ _HANDLERS: dict[Callable[..., None], list[tuple[list[Function], Function]]] = {}
 
 
 def add_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
-    """Call `function` with the data that changed, after each change that Blender has evaluated, and after undo."""
+    """Call `function` with the data whose geometry changed, after each change that Blender has evaluated, and undo."""
+    _add_update_handler(function, only_geometry=True)
 
+
+def add_datablock_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
+    """Call `function` with all data that changed in any way, such as in name, as `add_change_handler` does."""
+    _add_update_handler(function, only_geometry=False)
+
+
+def _add_update_handler(function: Callable[[list[bpy.types.ID]], None], *, only_geometry: bool) -> None:
     def after_change(_: Any, depsgraph: bpy.types.Depsgraph) -> None:
-        guarded([update.id.original for update in depsgraph.updates if update.is_updated_geometry])
+        updates = [one for one in depsgraph.updates if one.is_updated_geometry or not only_geometry]
+        guarded([one.id.original for one in updates])
 
     guarded = _guarded(function, _shown)
     _CHANGE_HANDLERS[function] = bpy.app.handlers.persistent(after_change)
@@ -357,6 +368,11 @@ def remove_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> Non
     handler = _CHANGE_HANDLERS.pop(function, None)
     if handler is not None:
         bpy.app.handlers.depsgraph_update_post.remove(handler)
+
+
+def remove_datablock_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
+    """Undo `add_datablock_handler`; nothing happens where it was not called."""
+    remove_change_handler(function)
 
 
 _CHANGE_HANDLERS: dict[Callable[[list[bpy.types.ID]], None], Function] = {}

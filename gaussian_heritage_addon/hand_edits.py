@@ -1,6 +1,6 @@
 """Edits of isolated objects by hand: add and take Gaussians, split, merge, delete. The whole scene is never changed.
 
-Edits stay in the .blend file, where Blender undoes them, until `store_arguments` are given to the engine.
+Edits stay in the .blend file, where Blender undoes them, until they are stored; see `not_stored`.
 """
 
 from __future__ import annotations
@@ -8,20 +8,15 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from pathlib import Path
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
-from ..engine.files import atomic_write
-from ..engine.project_content import list_objects
-from ..engine.records import new_id
 from .object_import import new_collection, origin_in_scene
+from .object_names import ID_KEY, give_new_name
 from .placement import placement_properties
-from .preferences import user_folder
 from .properties import COUNT_KEY, heritage_objects, loading, project_of, scene_count
 from .scene_file import whole_scene
 from .splats import SplatScene
@@ -34,7 +29,6 @@ __all__ = [
     "merge_objects",
     "new_object",
     "object_mode",
-    "store_arguments",
     "take_vertices",
     "whole_of",
 ]
@@ -154,8 +148,10 @@ def new_object(scene: bpy.types.Scene, name: str, rows: NDArray[np.integer], who
         obj.heritage.role, obj.heritage.project = "OBJECT", whole.heritage.project
         obj.heritage.kind, obj.heritage.prompt, obj.heritage.score = "hand", "made by hand", 1.0
         obj.heritage.threshold = 0.5
+    collection[ID_KEY] = ""
+    give_new_name(obj, name)
     _mark(obj)
-    return splats
+    return SplatScene.of(obj)
 
 
 def merge_objects(target: bpy.types.Object, others: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> int:
@@ -165,14 +161,12 @@ def merge_objects(target: bpy.types.Object, others: Sequence[bpy.types.Object], 
         raise ObjectError("Objects of different projects cannot be merged. Select objects of one project.")
     added = add_rows(target, np.concatenate([member_rows(other) for other in others]), whole)
     for other in others:
-        delete_object(other, scene)
+        delete_object(other)
     return added
 
 
-def delete_object(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """Delete an isolated object from the file, and note it for the project. Blender's undo brings it back."""
-    if obj.heritage.object_id:
-        scene.heritage.deleted = "\n".join([*filter(None, scene.heritage.deleted.split("\n")), obj.heritage.object_id])
+def delete_object(obj: bpy.types.Object) -> None:
+    """Delete an isolated object from the file. Blender's undo brings it back; the project has it until it is stored."""
     collections, mesh = list(obj.users_collection), obj.data
     bpy.data.objects.remove(obj)
     if mesh.users == 0:
@@ -185,50 +179,6 @@ def delete_object(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
 def edited_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Return the objects of `scene` with edits that are not stored in the project."""
     return [obj for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited]
-
-
-def store_arguments(scene: bpy.types.Scene) -> list[str]:
-    """Write what was edited to files, and return the arguments of the engine's ``edit`` that store it in the project.
-
-    New objects get their ids.
-
-    Raises
-    ------
-    ObjectError
-        When nothing was edited.
-    DiskError
-        When a file cannot be written.
-    """
-    project = project_of(scene.heritage)
-    edited = [obj for obj in edited_objects(scene) if project_of(obj.heritage) == project]
-    deleted = [one for one in scene.heritage.deleted.split("\n") if one]
-    if not edited and not deleted:
-        raise ObjectError("No object was edited by hand since the project was opened.")
-    known = [item.id for item in list_objects(project)]
-    folder = user_folder("edits") / f"{datetime.now(UTC):%Y%m%d-%H%M%S-%f}"
-    arguments = [f"--delete={object_id}" for object_id in deleted if object_id in known]
-    taken = [*known, *(obj.heritage.object_id for obj in edited if obj.heritage.object_id)]
-    for obj in edited:
-        if not obj.heritage.object_id:
-            with loading(obj.heritage):
-                obj.heritage.object_id = new_id(obj.name, taken)
-            taken.append(obj.heritage.object_id)
-            arguments.append(f"--rename={obj.heritage.object_id}={obj.name}")
-        file = folder / f"{len(arguments)}.npy"
-        _write_membership(file, obj)
-        arguments.append(f"--set={obj.heritage.object_id}={file}")
-    return arguments
-
-
-def _write_membership(file: Path, obj: bpy.types.Object) -> None:
-    splats, count = SplatScene.of(obj), scene_count(obj)
-    rows, membership = splats.index(count), splats.membership
-    stored = np.zeros(count, np.float32)
-    values = np.ones(len(rows), np.float32) if membership is None else membership
-    known = rows >= 0
-    np.maximum.at(stored, rows[known], values[known])
-    with atomic_write(file) as stream:
-        np.save(stream, np.clip(stored, 0.0, 1.0), allow_pickle=False)
 
 
 def _mark(obj: bpy.types.Object) -> None:

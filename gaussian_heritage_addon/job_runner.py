@@ -20,6 +20,7 @@ from .engine_process import engine_command
 from .first_view import show_job, show_scene
 from .guards import Timer, add_load_handler, redraw, remove_handler
 from .preferences import current_environment, current_python, user_folder
+from .project_history import catch_up
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
 
 __all__ = [
@@ -135,6 +136,7 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
         if state.error:
             raise HeritageError(state.error)
         import_results(job, state, scene_for(subject))
+        catch_up()
         return state
     show_job()
     _poll_timer.start(_POLL_INTERVAL, persistent=True)
@@ -310,6 +312,8 @@ def _import(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
             show_scene(scene)
         # An import by the timer is one undo step. Blender adds none if nothing changed.
         bpy.ops.ed.undo_push(message=f"Heritage {job.kind}")
+        # What was undone or renamed while the job worked in the project.
+        catch_up()
 
 
 def _find_jobs() -> None:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ..engine.errors import FormatError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
-from .measurement_history import remember
 from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties
+from .project_history import remember_measurement
 from .properties import heritage_objects, project_of
 
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
@@ -65,7 +65,7 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
         before = Measurement()
     save_measurement(project, measurement)
     apply_measurement(scene, measurement)
-    remember(scene, before, measurement)
+    remember_measurement(scene, before, measurement)
     bpy.context.view_layer.update()
     for ruler, length in rulers(scene):
         ruler.name = length_text(scene, length)

@@ -75,12 +75,17 @@ def after_saving(file: str) -> None:
 
 
 def after_appending(items: list[tuple[bpy.types.ID, str]]) -> None:
-    """Make the paths of appended scenes and objects absolute: they are relative to the .blend that they came from."""
+    """Make the paths of appended scenes and objects absolute: they are relative to the .blend that they came from.
+
+    Appended objects are copies: what is changed in them stays in this file.
+    """
     for one, file in items:
         is_holder = isinstance(one, bpy.types.Scene | bpy.types.Object) and one.library is None
         if is_holder and one.heritage.project.startswith("//"):
             folder = Path(bpy.path.abspath(file)).absolute().parent
             one.heritage.project = os.path.abspath(folder / one.heritage.project.removeprefix("//"))
+        if isinstance(one, bpy.types.Object) and one.library is None:
+            one.heritage_state.is_copy = True
 
 
 def find_moved() -> None:

@@ -10,10 +10,13 @@ import numpy as np
 from mathutils import Matrix
 from numpy.typing import NDArray
 
+from ..engine.files import path_within
 from ..engine.project_content import ProjectObject, load_level, load_membership, require_intact
-from ..engine.records import load_record
+from ..engine.records import load_record, state_of
 from ..engine.scene import Gaussians, load_polished
 from .object_geometry import foot_of, near_object
+from .object_names import ID_KEY, give_name
+from .object_state import HeritageState
 from .placement import placement_properties
 from .properties import COUNT_KEY, HeritageObject, loading, scene_count
 from .splats import SplatScene
@@ -24,8 +27,6 @@ _MIN_COPIED_MEMBERSHIP = 0.05
 """Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.
 
 Setting the threshold below it shows no more Gaussians."""
-_OBJECT_ID_KEY = "heritage_object_id"
-"""Custom property of an object's own collection: the id of the object."""
 
 
 def new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
@@ -83,13 +84,17 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
         properties.threshold = item.threshold
         for name, value in record.as_dict().items():
             setattr(properties, name, value)
-    collection[_OBJECT_ID_KEY] = item.id
-    _write_object_properties(obj, item, whole)
-    return splats
+    collection[ID_KEY] = item.id
+    give_name(obj, item.name)
+    obj.heritage_state.stored_name = item.name
+    _write_object_properties(obj, project, item, whole)
+    return SplatScene.of(obj)
 
 
 def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
-    """Replace the Gaussians of `obj` by those of the project; its name, placement, threshold and record stay.
+    """Replace the Gaussians of `obj` by those of the project; its placement stays.
+
+    Its name, threshold and record stay where the user has changed them since the project had the same.
 
     Raises
     ------
@@ -100,11 +105,23 @@ def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, who
     gaussians, index, membership = _object_gaussians(project, item, whole)
     # Where the user has put the object, the Gaussians keep their place relative to its origin.
     splats.replace(_moved(gaussians, -origin_in_scene(splats, whole)), index=index, membership=membership)
-    _write_object_properties(obj, item, whole)
-    return splats
+    state: HeritageState = obj.heritage_state
+    if state.object_name == state.stored_name != item.name:
+        give_name(obj, item.name)
+        state.stored_name = item.name
+    if obj.heritage.threshold == state.threshold:
+        obj.heritage.threshold = item.threshold
+    with loading(obj.heritage):
+        for name, value in load_record(project, item.id).as_dict().items():
+            if not getattr(obj.heritage, name):
+                setattr(obj.heritage, name, value)
+    _write_object_properties(obj, project, item, whole)
+    return SplatScene.of(obj)
 
 
-def _write_object_properties(obj: bpy.types.Object, item: ProjectObject, whole: bpy.types.Object) -> None:
+def _write_object_properties(
+    obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object
+) -> None:
     """Copy the description of an object in the project to its Blender object and collection."""
     properties: HeritageObject = obj.heritage
     with loading(properties):
@@ -112,10 +129,12 @@ def _write_object_properties(obj: bpy.types.Object, item: ProjectObject, whole: 
         properties.n_levels, properties.level, properties.stored_level = item.n_levels, item.level, item.level
         properties.problem = ""
         properties.is_edited = False
+    obj.heritage_state.state = state_of(path_within(project, "objects", item.id))
+    obj.heritage_state.threshold = item.threshold
     obj[COUNT_KEY] = scene_count(whole)
     for collection in obj.users_collection:
         # Not the collections that the user added the object to.
-        if collection.get(_OBJECT_ID_KEY) == item.id:
+        if collection.get(ID_KEY) == item.id:
             collection["heritage_prompt"] = item.prompt
             collection["heritage_score"] = item.score
 

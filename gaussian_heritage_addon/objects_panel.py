@@ -9,6 +9,7 @@ import bpy
 from ..engine.errors import HeritageError
 from ..engine.refused_prompts import NotFound, read_not_found
 from .layouts import draw_text
+from .not_stored import draw_not_stored, is_unstored
 from .pictures import picture_icon
 from .properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
 from .translations import translated
@@ -51,6 +52,9 @@ class HERITAGE_UL_objects(bpy.types.UIList):
         row = layout.split(factor=_NAME_SHARE, align=True)
         row.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
         row.prop(item.heritage, "threshold", text="", slider=True)
+        if is_unstored(item):
+            # Not as stored; below the list stands the button that stores it.
+            row.label(text="", icon="FILE_TICK")
         eye = "HIDE_ON" if item.heritage.hidden else "HIDE_OFF"
         row.prop(item.heritage, "hidden", text="", icon=eye, emboss=False)
 
@@ -102,6 +106,7 @@ class HERITAGE_PT_objects(bpy.types.Panel):
             if not_found is not None:
                 _draw_not_found(layout.box(), not_found)
         layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
+        draw_not_stored(layout, context.scene)
         obj = active_object(context.scene)
         if obj is not None:
             _draw_object(layout, obj)

@@ -14,14 +14,16 @@ import bpy
 from ..engine.errors import HeritageError
 from ..engine.project_content import is_project
 from ..engine.project_folder import hold_mark
+from . import problems
 from .guards import Timer
 from .preferences import user_folder
+from .project_history import catch_up, look_again
 from .properties import project_of
 
 __all__ = ["is_open_elsewhere", "mark_of", "register", "unregister", "update"]
 
 _CHECK_SECONDS = 5.0
-"""Seconds between two looks at which projects are shown, and whether the other Blender was closed."""
+"""Seconds between two looks at which projects are shown, what they hold, and whether the other Blender was closed."""
 
 _claims: dict[Path, IO[str]] = {}
 _elsewhere: set[Path] = set()
@@ -60,6 +62,12 @@ def update() -> None:
 
 def _check() -> float:
     update()
+    try:
+        look_again()
+        catch_up()
+    except HeritageError as error:
+        # The next look may find it mended.
+        problems.show(problems.sentence_of(error))
     return _CHECK_SECONDS
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +13,8 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..engine.errors import ObjectError, ProjectError
-from ..engine.project_content import load_level, require_object
-from ..engine.records import MuseumRecord, save_record
+from ..engine.project_content import load_level
+from ..engine.records import MuseumRecord
 from .splat_nodes import AS_TRAINED, THRESHOLD, set_display_input
 from .splats import SplatScene
 from .typed_properties import blender_properties
@@ -40,6 +40,7 @@ __all__ = [
     "scene_count",
     "select_object",
     "set_active_object",
+    "set_record_writer",
     "unregister",
     "view_transform_of",
 ]
@@ -181,6 +182,10 @@ def apply_visibility(scene: bpy.types.Scene) -> None:
         obj.hide_render = obj.hide_viewport = obj.heritage.hidden or (bool(project) and replaced)
 
 
+def _project_name_of(properties: HeritageScene) -> str:
+    return bpy.path.abspath(properties.project, library=properties.id_data.library) if properties.project else ""
+
+
 def _project_name(obj: bpy.types.Object) -> str:
     # What a linked object names is relative to its own file.
     return bpy.path.abspath(obj.heritage.project, library=obj.library) if obj.heritage.project else ""
@@ -225,15 +230,20 @@ def _set_part_to_whole(properties: HeritageObject, value: float) -> None:
         properties.level = level
 
 
+_record_writer: Callable[[bpy.types.Object], None] | None = None
+
+
+def set_record_writer(write: Callable[[bpy.types.Object], None] | None) -> None:
+    """Set the function that stores the record of an object in its project."""
+    global _record_writer
+    _record_writer = write
+
+
 def _record_changed(properties: HeritageObject, context: bpy.types.Context) -> None:
     # The .blend file always keeps the record. The copy in the project is for exports by the engine.
-    if not properties.project or not properties.object_id or properties.is_loading:
-        return
-    # A .blend file from someone else may name any folder. Only a project that has this object is written to.
-    project = project_of(properties)
-    require_object(project, properties.object_id)
-    save_record(project, properties.object_id, record_of(properties.id_data))
-    properties.problem = ""
+    if properties.project and properties.object_id and not properties.is_loading and _record_writer is not None:
+        _record_writer(properties.id_data)
+        properties.problem = ""
 
 
 def photo_alpha(scene: bpy.types.Scene) -> float:
@@ -261,6 +271,21 @@ def _show_changed(properties: HeritageScene, context: bpy.types.Context) -> None
 def _get_active(properties: HeritageScene) -> int:
     obj = active_object(properties.id_data)
     return -1 if obj is None else int(bpy.data.objects.find(obj.name))
+
+
+def _get_deleted(properties: HeritageScene) -> str:
+    """Return the objects that this scene has had of its project and that no scene of the file has any more."""
+    known = [one for one in properties.known.split("\n") if one]
+    if not known:
+        return ""
+    project = _project_name_of(properties)
+    present = {
+        obj.heritage.object_id
+        for scene in bpy.data.scenes
+        for obj in heritage_objects(scene, "OBJECT")
+        if _project_name(obj) == project
+    }
+    return "\n".join(one for one in known if one not in present)
 
 
 def _set_active(properties: HeritageScene, number: int) -> None:
@@ -329,11 +354,15 @@ class HeritageScene(bpy.types.PropertyGroup):
     active: Annotated[int, IntProperty(name="Active Object", get=_get_active, set=_set_active)]
     active_name: Annotated[str, StringProperty(name="Name of the Active Object")]
     active_id: Annotated[str, StringProperty(name="Id of the Active Object")]
+    # Ids of the objects of the project that this scene has had, one a line.
+    known: Annotated[str, StringProperty(options={"HIDDEN"})]
+    # However an object was deleted: in the list, by a key, in the outliner.
     deleted: Annotated[
         str,
         StringProperty(
             name="Deleted Objects",
             description="Ids of objects that were deleted in this file, one a line, until stored",
+            get=_get_deleted,
         ),
     ]
     show: Annotated[

@@ -12,7 +12,9 @@ from ..engine.jobs import Job, JobState
 from ..engine.refused_prompts import dismiss
 from .model_files import states_of
 from .new_objects import show_new_objects
+from .object_state import forget_known, owners
 from .preferences import store_check_result, store_model_states
+from .project_history import look_again, remember_objects
 from .properties import heritage_objects, project_of
 from .scene_file import add_objects, open_project, scene_name
 from .solid_mode import update_shapes
@@ -64,20 +66,33 @@ def import_results(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
 
 def _import_scene(project: Path, state: JobState, scene: bpy.types.Scene) -> None:
     open_project(scene, project)
+    look_again()
     scene.heritage.show = "SCENE"
 
 
 def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> None:
     found, existing = _ids(state, "objects"), _ids(state, "existing")
+    gone = scene.heritage.deleted.split("\n")
     new_ids, kept_ids = [one for one in found if one not in existing], [*_ids(state, "kept"), *existing]
+    # What was deleted in this file, and is not stored yet, comes back only where it was asked for.
+    kept_ids = [one for one in kept_ids if one in existing or one not in gone]
     scene.heritage.project = str(project)
     present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
+    before = {object_id: _state_of(obj) for (one, object_id), obj in owners().items() if one == project}
+    deleted = _ids(state, "deleted")
     # Objects of the project that were found again may be missing in this file.
     add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
-    deleted = set(_ids(state, "deleted"))
-    scene.heritage.deleted = "\n".join(one for one in scene.heritage.deleted.split("\n") if one not in deleted)
+    forget_known(project, deleted)
+    before |= dict(zip(deleted, _ids(state, "deleted_states"), strict=False))
+    remember_objects(project, before, [*new_ids, *deleted])
     scene.heritage.show = "OBJECTS"
     show_new_objects(scene, found)
+
+
+def _state_of(obj: bpy.types.Object) -> str | None:
+    """Return the state of its project's object that `obj` shows; None where it was made by hand and not stored yet."""
+    state: str = obj.heritage_state.state
+    return None if not state and obj.heritage.is_edited else state
 
 
 def _ids(state: JobState, name: str) -> list[str]:

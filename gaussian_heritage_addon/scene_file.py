@@ -18,6 +18,7 @@ from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .display_settings import apply_display, choose_display
 from .object_import import add_object, new_collection, update_object
+from .object_state import add_known, mark_copies, owners
 from .placement import apply_measurement, placement_properties
 from .properties import (
     COUNT_KEY,
@@ -221,7 +222,7 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
     object at its stored level and threshold, are imported in their polished form, except where they were moved by hand.
     All others are copied from the scene with its edits.
     """
-    present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT") if _belongs_to(obj, project)}
+    present = _shown_objects(scene, project)
     id_set = set(ids)
     items = [item for item in list_objects(project) if item.id in id_set]
     if not items:
@@ -236,6 +237,9 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
         else add_object(scene, project, item, whole)
         for item in items
     ]
+    for one in splats:
+        add_known(project, one.object)
+    mark_copies()
     if any(obj.heritage.kind != "background" for obj in heritage_objects(scene, "OBJECT")):
         for one in splats:
             obj = one.object
@@ -245,6 +249,13 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
     apply_visibility(scene)
     apply_display(scene)
     return splats
+
+
+def _shown_objects(scene: bpy.types.Scene, project: Path) -> dict[str, bpy.types.Object]:
+    """Return what shows the objects of a project in `scene` by id, rather the object itself than a copy of it."""
+    own = {obj.name for obj in owners().values()}
+    shown = [obj for obj in heritage_objects(scene, "OBJECT") if obj.library is None and _belongs_to(obj, project)]
+    return {obj.heritage.object_id: obj for obj in sorted(shown, key=lambda obj: obj.name in own)}
 
 
 def whole_scene(scene: bpy.types.Scene, project: Path) -> bpy.types.Object | None:

@@ -19,10 +19,10 @@ from ..gaussian_heritage_addon.hand_edits import (
     merge_objects,
     new_object,
     object_mode,
-    store_arguments,
     take_vertices,
     whole_of,
 )
+from ..gaussian_heritage_addon.not_stored import store_arguments
 from ..gaussian_heritage_addon.properties import (
     active_object,
     apply_blending,
@@ -207,8 +207,8 @@ class HERITAGE_OT_delete_object(_ObjectOperator):
         obj = _listed(context)
         name = obj.name
         with object_mode():
-            delete_object(obj, context.scene)
-        self.report({"INFO"}, f"{name} was deleted. Store Edits moves it to the project's trash as well.")
+            delete_object(obj)
+        self.report({"INFO"}, f"{name} was deleted. Store moves it to the project's trash as well.")
         return {"FINISHED"}
 
 
@@ -284,7 +284,7 @@ def _show_selected(context: bpy.types.Context, obj: bpy.types.Object, vertices: 
 
 
 class HERITAGE_OT_store_edits(_ObjectOperator):
-    """Store what was edited by hand in the project. What it replaces or deletes goes to the project's trash"""
+    """Store in the project what Blender shows otherwise. What this replaces or deletes goes to the project's trash"""
 
     bl_idname = "heritage.store_edits"
     bl_label = "Store Edits"
@@ -295,6 +295,9 @@ class HERITAGE_OT_store_edits(_ObjectOperator):
         project = project_of(context.scene.heritage)
         with object_mode():
             arguments = store_arguments(context.scene)
+        if not arguments:
+            self.report({"INFO"}, "Stored.")
+            return {"FINISHED"}
         state = job_runner.start("segment", project, "edit", str(project), *arguments)
         self.report({"INFO"}, "Storing the edits; see the Heritage panel." if state is None else state.message)
         return {"FINISHED"}

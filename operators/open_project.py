@@ -13,6 +13,7 @@ from ..engine.project_content import scene_file
 from ..gaussian_heritage_addon import open_projects, problems
 from ..gaussian_heritage_addon.first_view import show_scene
 from ..gaussian_heritage_addon.moved_projects import is_missing, relink, relink_scene_of
+from ..gaussian_heritage_addon.project_history import look_again
 from ..gaussian_heritage_addon.properties import project_of
 from ..gaussian_heritage_addon.results import scene_for
 from ..gaussian_heritage_addon.scene_file import open_project
@@ -47,6 +48,7 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
         if context.window is not None:
             context.window.scene = scene
         open_project(scene, project, with_cameras=self.with_cameras)
+        look_again()
         show_scene(scene)
         open_projects.update()
         if open_projects.is_open_elsewhere(project):
@@ -79,6 +81,7 @@ class HERITAGE_OT_find_project(bpy.types.Operator):
         if not is_missing(context.scene.heritage):
             raise ProjectError("No project of this scene is missing. Use Open Project for another one.")
         relink(project_of(context.scene.heritage), project)
+        look_again()
         problems.clear()
         return {"FINISHED"}
 

@@ -253,7 +253,7 @@ def _write_trash(folder: Path) -> None:
 
 
 def _list_trash(folder: Path) -> object:
-    from engine.objects import list_trash
+    from engine.records import list_trash
 
     return list_trash(folder)
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
+
+Number = TypeVar("Number", int, float)
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -27,6 +30,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--merge", action="append", default=[], metavar="ID=ID", help="add the second object to the first"
     )
+    parser.add_argument(
+        "--threshold", action="append", default=[], metavar="ID=T",
+        help="membership, 0 to 1, from which on a Gaussian belongs to this object",
+    )  # fmt: skip
+    parser.add_argument(
+        "--level", action="append", default=[], metavar="ID=K",
+        help="use this level of an object, 0 for the smallest part, without polishing it",
+    )  # fmt: skip
     parser.add_argument("--rename", action="append", default=[], metavar="ID=NAME", help="give an object another name")
     parser.add_argument("--delete", action="append", default=[], metavar="ID", help="move an object to the trash")
 
@@ -42,10 +53,11 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     import numpy as np
 
     from ..objects import load_membership, load_object
+    from ..records import object_states
     from .stored_edits import read_membership, store_edits
 
-    if not (options.set or options.merge or options.rename or options.delete):
-        raise SettingsError("Give at least one of --set, --merge, --rename and --delete.")
+    if not any((options.set, options.merge, options.threshold, options.level, options.rename, options.delete)):
+        raise SettingsError("Give at least one of --set, --merge, --threshold, --level, --rename and --delete.")
     with ProjectFolder.open_existing(options.project) as project:
         memberships = {object_id: read_membership(Path(file)) for object_id, file in _pairs("--set", options.set)}
         deleted = list(options.delete)
@@ -56,13 +68,35 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             both = [memberships.get(one, load_membership(project.path, one)) for one in ids]
             memberships[ids[0]] = np.maximum(*both)
             deleted.append(ids[1])
-        records = store_edits(project, memberships, names=dict(_pairs("--rename", options.rename)), deleted=deleted)
+        states = object_states(project.path)
+        records = store_edits(
+            project,
+            memberships,
+            names=dict(_pairs("--rename", options.rename)),
+            deleted=deleted,
+            thresholds=_numbers("--threshold", options.threshold, float),
+            levels=_numbers("--level", options.level, int),
+        )
     names = ", ".join(f"{record.name} ({record.n_gaussians:,} Gaussians)" for record in records)
     message = " ".join(
         [*([f"Stored {names}."] if names else []), *([f"Deleted {', '.join(deleted)}."] if deleted else [])]
     )
-    emit(Finished(message, {"objects": [record.id for record in records], "deleted": deleted}))
+    # What stores an edit knows by these what to bring back from the trash when the edit is undone.
+    deleted_states = [states[object_id] for object_id in deleted]
+    outputs = {"objects": [record.id for record in records], "deleted": deleted, "deleted_states": deleted_states}
+    emit(Finished(message, outputs))
     return 0
+
+
+def _numbers(option: str, texts: Sequence[str], kind: Callable[[str], Number]) -> dict[str, Number]:
+    """Return the numbers of texts of the form ``ID=NUMBER`` by id."""
+    found = {}
+    for object_id, text in _pairs(option, texts):
+        try:
+            found[object_id] = kind(text)
+        except ValueError as error:
+            raise SettingsError(f"{option} takes an id and a number with = between them, got {text!r}.") from error
+    return found
 
 
 def _pairs(option: str, texts: Sequence[str]) -> list[tuple[str, str]]:

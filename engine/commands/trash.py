@@ -53,7 +53,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
 
 
 def _list(project: ProjectFolder, name: str | None, days: float) -> tuple[str, dict[str, Any]]:
-    from ..objects import list_trash
+    from ..records import list_trash
 
     entries = list_trash(project.path)
     lines = [
@@ -65,14 +65,14 @@ def _list(project: ProjectFolder, name: str | None, days: float) -> tuple[str, d
 
 
 def _restore(project: ProjectFolder, name: str, days: float) -> tuple[str, dict[str, Any]]:
-    from ..objects import restore_object
+    from ..records import restore_object
 
     record = restore_object(project, name)
     return f"Restored {record.name}.", {"objects": [record.id]}
 
 
 def _empty(project: ProjectFolder, name: str | None, days: float) -> tuple[str, dict[str, Any]]:
-    from ..objects import empty_trash
+    from ..records import empty_trash
 
     count, n_bytes = empty_trash(project, older_than_days=days)
     what = "1 object" if count == 1 else f"{count} objects"

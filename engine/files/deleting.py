@@ -1,4 +1,4 @@
-"""Deleting data that can be computed again. What a user made goes to the trash instead, see `engine.objects.trash`."""
+"""Deleting data that can be computed again. What a user made goes to the trash instead, see `engine.records.trash`."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         forget_unreadable_record,
         is_object_intact,
         list_objects,
+        load_levels,
         load_membership,
         load_object,
         object_gaussians,
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
         save_object,
         taken_ids,
     )
-    from .trash import delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
     from .views import View, Views, erode_mask, spread_cameras
     from .votes import THRESHOLD
 
@@ -47,20 +47,16 @@ __all__ = [
     "TextPrompt",
     "View",
     "Views",
-    "delete_object",
-    "discard_object",
-    "empty_trash",
     "erode_mask",
     "find_everything",
     "find_objects",
     "forget_candidates",
     "forget_unreadable_record",
     "is_object_intact",
-    "keep_version",
     "label_maps_of",
     "list_objects",
-    "list_trash",
     "load_context",
+    "load_levels",
     "load_membership",
     "load_object",
     "mask_at",
@@ -70,7 +66,6 @@ __all__ = [
     "parse_prompt",
     "photo_folder_of",
     "polish",
-    "restore_object",
     "save_object",
     "scene_on",
     "spread_cameras",

@@ -17,7 +17,7 @@ from ..events import Emit, StopCheck, Warned
 from ..project_folder import ProjectFolder
 from ..provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
-from ..records import ObjectRecord, found_again, new_id, new_name
+from ..records import ObjectRecord, delete_object, found_again, keep_version, new_id, new_name
 from ..scene import Camera, PinholeCamera, Polished
 from ..settings import to_dict
 from ..words import called_nearly
@@ -32,7 +32,6 @@ from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import SegmentSettings
 from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
-from .trash import delete_object, keep_version
 from .views import OUTER
 from .votes import BELOW_HALF, THRESHOLD
 
@@ -189,16 +188,15 @@ class Segmenter:
         if not record.levels:
             return record
         membership_in(self.project.path, record, len(self.context.means))
-        return self._replace(replace(record, level=level), levels[level], levels=list(levels))
+        return self._replace(replace(record, level=level), levels[level], levels=list(levels), why="another level")
 
     def _replace(
-        self, record: ObjectRecord, membership: Float32, *, levels: Sequence[Float32] = (), why: str = ""
+        self, record: ObjectRecord, membership: Float32, *, levels: Sequence[Float32] = (), why: str
     ) -> ObjectRecord:
-        """Store a changed object, polished; with `why`, the old one is copied to the trash."""
+        """Store a changed object, polished. The old one is copied to the trash, whose list says `why`."""
         members = membership >= record.threshold
         (polished,) = self._polished(self.context, [members])
-        if why:
-            keep_version(self.project, record.id, why=why)
+        keep_version(self.project, record.id, why=why)
         changed = replace(record, n_gaussians=int(members.sum()))
         save_object(self.project.path, changed, membership, levels=levels, polished=polished)
         return changed

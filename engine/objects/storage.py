@@ -7,7 +7,6 @@ and `FormatError` when a file is damaged, or its folder is a link that leads out
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,7 +25,21 @@ from ..files import (
     replace_together,
 )
 from ..pictures import write_png
-from ..records import RECORD_FILE, ObjectRecord, read_record, recorded_files, write_record
+from ..records import (
+    COMPUTED_FILES,
+    LEVELS_FILE,
+    MEMBERSHIP_FILE,
+    POLISHED_FILE,
+    RECORD_FILE,
+    ObjectRecord,
+    list_objects,
+    load_object,
+    object_ids,
+    read_record,
+    recorded_files,
+    taken_ids,
+    write_record,
+)
 from ..scene import Gaussians, Polished, load_polished, save_polished
 from .arrays import Float32, Mask, Pixels
 
@@ -44,9 +57,6 @@ __all__ = [
     "taken_ids",
 ]
 
-MEMBERSHIP, LEVELS, POLISHED = "membership.npy", "levels.npy", "polished.npz"
-_COMPUTED = (MEMBERSHIP, LEVELS, POLISHED)
-"""Files whose size and hash are in the record."""
 _ADVICE = "Isolate the object again."
 
 
@@ -65,8 +75,8 @@ def save_object(
     without suffix, and pictures as `write_png` takes them. Stored levels and polished Gaussians are deleted when none
     are given. Raises `DiskError` when the disk is full or read-only.
     """
-    with replace_together(path_within(project, "objects", record.id), optional=_COMPUTED) as new:
-        for name, values in ((MEMBERSHIP, membership), (LEVELS, levels if record.levels else ())):
+    with replace_together(path_within(project, "objects", record.id), optional=COMPUTED_FILES) as new:
+        for name, values in ((MEMBERSHIP_FILE, membership), (LEVELS_FILE, levels if record.levels else ())):
             if len(values):
                 with atomic_write(new / name) as stream:
                     np.save(stream, np.asarray(values, np.float32), allow_pickle=False)
@@ -74,47 +84,13 @@ def save_object(
             save_polished(new, polished)
         for name, picture in previews:
             write_png(new / f"{name}.png", picture)
-        files = {name: record_of(new / name) for name in _COMPUTED if (new / name).exists()}
+        files = {name: record_of(new / name) for name in COMPUTED_FILES if (new / name).exists()}
         write_record(new / RECORD_FILE, record, files)
-
-
-def object_ids(project: Path) -> list[str]:
-    """Return the ids of the objects of a project: the names of the folders that hold a record. No record is read."""
-    return sorted(file.parent.name for file in (project / "objects").glob(f"*/{RECORD_FILE}"))
-
-
-def taken_ids(project: Path) -> list[str]:
-    """Return the names of folders that a new object must not have: those in use, also without a record."""
-    # A folder without a record may still hold what the user wrote about an object. An empty one is left by a kill.
-    folders = (path for path in (project / "objects").glob("*") if path.is_dir())
-    return [folder.name for folder in folders if any(folder.iterdir())]
-
-
-def list_objects(project: Path) -> list[ObjectRecord]:
-    """Return the objects of the project folder `project`, oldest first."""
-    records = (read_record(object_file(project, name, RECORD_FILE)) for name in object_ids(project))
-    return sorted(records, key=lambda record: (record.created, record.id))
-
-
-def load_object(project: Path, name: str) -> ObjectRecord:
-    """Return the object with the id `name`, else the one with that name, else the one with it in another case."""
-    records = list_objects(project)
-    if not records:
-        raise ObjectError(f"{project} has no objects yet. Isolate one with `segment` first.")
-    folded = name.casefold()
-    # Of equally good ones, the oldest.
-    found = min(records, key=lambda one: (one.id != name, one.name != name, one.name.casefold() != folded))
-    if name in (found.id, found.name) or folded == found.name.casefold():
-        return found
-    names = [record.name for record in records]
-    near = difflib.get_close_matches(name, names)
-    hint = f" Did you mean {near[0]!r}?" if near else ""
-    raise ObjectError(f"No object is called {name!r}.{hint} Known: {', '.join(names)}.")
 
 
 def load_membership(project: Path, object_id: str) -> Float32:
     """Return the membership of an object, shape [N], float32, in [0, 1]."""
-    file = _require_intact(project, object_id, MEMBERSHIP)
+    file = _require_intact(project, object_id, MEMBERSHIP_FILE)
     if not file.is_file():
         raise ObjectError(f"{file} is missing. Isolate the object again with `segment`.")
     return read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
@@ -130,7 +106,7 @@ def membership_in(project: Path, record: ObjectRecord, count: int) -> Float32:
 
 def load_levels(project: Path, object_id: str) -> Float32:
     """Return the memberships of an object's levels, part first, [K, N], float32; one row when it has no levels."""
-    file = _require_intact(project, object_id, LEVELS)
+    file = _require_intact(project, object_id, LEVELS_FILE)
     if not file.is_file():
         return load_membership(project, object_id)[None]
     return read_array(file, ArraySpec("float32", ("k", "n"), finite=True), advice=_ADVICE)
@@ -139,7 +115,7 @@ def load_levels(project: Path, object_id: str) -> Float32:
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
     """Return an object for export: its Gaussians among the scene's, polished; errors as of `membership_in`."""
     rows = np.flatnonzero(membership_in(project, record, len(gaussians)) >= record.threshold)
-    _require_intact(project, record.id, POLISHED)
+    _require_intact(project, record.id, POLISHED_FILE)
     polished = load_polished(project, record.id)
     return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)
 

@@ -14,6 +14,10 @@ from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
 from .lido import lido_xml
 from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
 from .object_record import (
+    COMPUTED_FILES,
+    LEVELS_FILE,
+    MEMBERSHIP_FILE,
+    POLISHED_FILE,
     RECORD_FILE,
     ObjectRecord,
     found_again,
@@ -25,32 +29,53 @@ from .object_record import (
     write_record,
 )
 from .paradata import describe_object, describe_scene, scene_title
+from .state_digest import UNREADABLE, object_states, state_of
+from .stored_objects import list_objects, load_object, object_ids, taken_ids
+from .trash import bring_back, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
 
 __all__ = [
+    "COMPUTED_FILES",
     "EXAMPLE_ADDRESS",
+    "LEVELS_FILE",
+    "MEMBERSHIP_FILE",
     "MUSEUM_RECORD_FILE",
+    "POLISHED_FILE",
     "RECORD_FILE",
+    "UNREADABLE",
     "MuseumRecord",
     "ObjectRecord",
     "Picture",
+    "bring_back",
     "crm_json_ld",
+    "delete_object",
     "describe_object",
     "describe_scene",
+    "discard_object",
     "dublin_core",
     "dublin_core_xml",
+    "empty_trash",
     "gltf_extras",
     "iiif_manifest",
+    "keep_version",
     "lido_xml",
+    "list_objects",
+    "list_trash",
+    "load_object",
     "load_record",
     "found_again",
     "new_id",
     "new_name",
+    "object_ids",
+    "object_states",
     "ply_comments",
     "read_record",
     "recorded_files",
     "rename_object",
+    "restore_object",
     "save_record",
     "scene_title",
+    "state_of",
+    "taken_ids",
     "write_record",
     "xmp_packet",
 ]

@@ -15,6 +15,10 @@ from ..provenance import RUN
 from ..settings import to_dict
 
 __all__ = [
+    "COMPUTED_FILES",
+    "LEVELS_FILE",
+    "MEMBERSHIP_FILE",
+    "POLISHED_FILE",
     "RECORD_FILE",
     "ObjectRecord",
     "new_id",
@@ -27,6 +31,9 @@ __all__ = [
 ]
 
 RECORD_FILE = "object.json"
+MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE = "membership.npy", "levels.npy", "polished.npz"
+COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE)
+"""Files of an object whose size and hash are in its record."""
 _ADVICE = "Delete its folder and isolate the object again."
 
 _POINTS: Schema = [{"photo": str, "x": float, "y": float}]
@@ -175,8 +182,13 @@ def write_record(file: Path, record: ObjectRecord, files: dict[str, FileRecord])
     write_json(file, {"version": len(_SCHEMAS), **to_dict(record), "files": files})
 
 
-def rename_object(project: Path, object_id: str, name: str) -> None:
+def rename_object(project: Path, object_id: str, name: str) -> str:
     """Give an object of the project folder `project` another name; its id and files stay.
+
+    Returns
+    -------
+    str
+        The name that it has now: as `new_name`, so that no two objects have the same.
 
     Raises
     ------
@@ -186,7 +198,12 @@ def rename_object(project: Path, object_id: str, name: str) -> None:
         When the record cannot be written.
     """
     file = object_file(project, object_id, RECORD_FILE)
-    write_record(file, replace(read_record(file), name=name), recorded_files(file))
+    others = [other for other in (project / "objects").glob(f"*/{RECORD_FILE}") if other.parent.name != object_id]
+    name = new_name(name, [read_record(other).name for other in others])
+    record = read_record(file)
+    if record.name != name:
+        write_record(file, replace(record, name=name), recorded_files(file))
+    return name
 
 
 def read_record(file: Path) -> ObjectRecord:

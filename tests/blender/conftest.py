@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +21,23 @@ atexit.register(shutil.rmtree, _RESOURCES, ignore_errors=True)
 import bpy  # noqa: E402
 
 MODULE = "bl_ext.user_default.gaussian_heritage"
+
+
+_status: list[int] = []
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """Keep the result of the run for `pytest_unconfigure`."""
+    _status.append(int(exitstatus))
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """End at once: Blender 4.5 as a Python module does not end after a step was undone."""
+    if _status:
+        shutil.rmtree(_RESOURCES, ignore_errors=True)
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(_status[-1])
 
 
 @pytest.fixture(scope="session")

@@ -11,14 +11,12 @@ import pytest
 
 from engine.errors import EnvironmentProblem
 from engine.events import Event, StageFinished, Warned, never_stop
-from engine.objects import trash
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_membership
-from engine.objects.trash import delete_object, list_trash
 from engine.objects_stage import objects_stage
 from engine.project_folder import ProjectFolder
 from engine.rasterizer import Device
-from engine.records import ObjectRecord
+from engine.records import ObjectRecord, delete_object, list_trash
 from engine.stage_runner import StageRunner
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BlobScene
@@ -130,12 +128,9 @@ def test_run_killed_before_a_damaged_object_was_isolated_again_is_continued(
     def killed(*_: object, **__: object) -> ObjectRecord:
         raise KeyboardInterrupt
 
-    for place in (trash, "engine.objects.segmenter.find_objects"):
+    for place in ("engine.records.keep_version", "engine.objects.segmenter.find_objects"):
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-            if isinstance(place, str):
-                patch.setattr(place, killed)
-            else:
-                patch.setattr(place, "keep_version", killed)
+            patch.setattr(place, killed)
             run()
     assert not was_reused(run())
     assert contents(folder) == before

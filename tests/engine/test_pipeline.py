@@ -14,17 +14,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from engine import records
 from engine.cli import main
 from engine.errors import Cancelled, ObjectError, ProjectError
 from engine.events import Event, Metric, Progress, StageFinished, Warned, ignore_events, never_stop
 from engine.masks.storage import label_map_path, read_label_map
-from engine.objects import trash
 from engine.objects.storage import list_objects, load_membership, save_object
-from engine.objects.trash import list_trash, restore_object
 from engine.pipeline import PipelineSettings, reconstruct
 from engine.planning.decisions import PlanSettings
 from engine.project_folder import ProjectFolder
-from engine.records import ObjectRecord
+from engine.records import ObjectRecord, list_trash, restore_object
 from engine.scene import CameraSet, PhotoSet
 from engine.stages import STAGES
 from engine.training.settings import PRESETS
@@ -435,7 +434,7 @@ def test_run_killed_while_it_makes_a_damaged_scene_again_loses_no_object(place: 
 def test_kill_between_two_objects_that_go_to_the_trash_is_continued(small: Small) -> None:
     record = ObjectRecord("bowl", "bowl", {}, 0.5, 1.0, 1.0, 1, 400)
     save_object(small.path, record, np.ones(400, np.float32))
-    real = trash.discard_object
+    real = records.discard_object
 
     def killed(project: ProjectFolder, object_id: str, *, why: str) -> None:
         if object_id == "vase":
@@ -443,7 +442,7 @@ def test_kill_between_two_objects_that_go_to_the_trash_is_continued(small: Small
         real(project, object_id, why=why)
 
     with small.monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(trash, "discard_object", killed)
+        patch.setattr(records, "discard_object", killed)
         small.run(seed=1)
     assert [record.name for record in list_objects(small.path)] == ["vase"]
     with pytest.raises(ProjectError, match="is not finished"):

@@ -9,10 +9,9 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from ...objects import delete_object
 from ...project_content import ProjectObject, list_objects
 from ...project_folder import ProjectFolder
-from ...records import load_record, rename_object, save_record
+from ...records import delete_object, load_record, rename_object, save_record
 from ..access import CurrentProject, server_of
 from ..contents import describe_object
 from ..downloads import MEDIA_TYPES, download_name, exported_file

@@ -125,7 +125,8 @@ def test_clicks_on_several_photos_are_one_object(opened: Any, fake_engine: Stand
 REFINE = (
     PROJECT
     + "members = np.r_[np.zeros(30), np.ones(30), np.zeros(40)].astype(np.float32)\n"
-    + 'write_object(project, "vase", "Vase", members, score=0.9)\n'
+    + 'name = json.loads((project / "objects" / "vase" / "object.json").read_text())["name"]\n'
+    + 'write_object(project, "vase", name, members, score=0.9)\n'
     + 'say("finished", outputs={"objects": ["vase"]})'
 )
 
@@ -151,8 +152,8 @@ def test_corrected_object_is_changed_in_place(opened: Any, fake_engine: StandIn,
     same = bpy.data.objects["Amphora"]
     assert same == vase and len(bpy.data.objects) == count
     assert rows(same) == list(range(30, 60)) and same.matrix_world == placed
-    assert {collection.name for collection in same.users_collection} == {"Vase", "Room 3"}
-    assert bpy.data.collections["Vase"]["heritage_score"] == 0.9 and "heritage_score" not in user_collection
+    assert {collection.name for collection in same.users_collection} == {"Amphora", "Room 3"}
+    assert bpy.data.collections["Amphora"]["heritage_score"] == 0.9 and "heritage_score" not in user_collection
     properties = same.heritage
     assert (properties.title, properties.catalogue_number, properties.threshold) == (
         "Amphora",

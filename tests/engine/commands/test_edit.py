@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.objects import list_objects, list_trash, load_membership, load_object, object_gaussians
+from engine.objects import list_objects, load_membership, load_object, object_gaussians
 from engine.objects.storage import save_object
-from engine.records import ObjectRecord
+from engine.records import ObjectRecord, list_trash, object_states
 from engine.scene import load_polished
 from engine.scene.polished import Polished
 from tests.engine.command_line import call
@@ -67,8 +67,11 @@ def test_new_object_name_merge_and_deletion(
 ) -> None:
     floor = tmp_path / "floor.npy"
     np.save(floor, of_part(blobs, 0))
+    blue = object_states(scene)["blue"]
     answer = call(capsys, "edit", scene, "--set", f"böden={floor}", "--rename", "böden=Böden", "--delete", "blue")
-    assert answer.of_kind("finished")[0]["outputs"] == {"objects": ["böden"], "deleted": ["blue"]}
+    outputs = answer.of_kind("finished")[0]["outputs"]
+    assert (outputs["objects"], outputs["deleted"]) == (["böden"], ["blue"])
+    assert outputs["deleted_states"] == [blue]
     assert load_object(scene, "Böden").prompt == {"kind": "hand"}
     assert call(capsys, "edit", scene, "--merge", "red=twin").code == 0
     assert np.array_equal(load_membership(scene, "red"), np.isin(blobs.part, (RED, TWIN)))
@@ -76,6 +79,28 @@ def test_new_object_name_merge_and_deletion(
     assert sorted(entry.id for entry in list_trash(scene)) == ["blue", "red", "twin"]
     assert call(capsys, "trash", "restore", scene, "twin").code == 0
     assert np.array_equal(load_membership(scene, "twin"), of_part(blobs, TWIN))
+
+
+def test_threshold_and_level_that_are_shown_are_stored(
+    scene: Path, blobs: BlobScene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    graded = np.where(blobs.part == RED, np.float32(0.6), np.float32(0))
+    graded[np.flatnonzero(blobs.part == RED)[:5]] = 0.9
+    save_object(scene, record_of("red", blobs), graded)
+    assert call(capsys, "edit", scene, "--threshold", "red=0.8", "--level", "blue=0").code == 0
+    red, blue = load_object(scene, "red"), load_object(scene, "blue")
+    assert (red.threshold, red.n_gaussians) == (0.8, 5)
+    assert len(object_gaussians(scene, red, replace(blobs.gaussians, features=None))) == 5
+    assert (blue.level, len(blue.levels)) == (0, 2)
+    assert blue.n_gaussians == len(object_gaussians(scene, blue, replace(blobs.gaussians, features=None)))
+    assert sorted(entry.why for entry in list_trash(scene)) == ["shown otherwise", "shown otherwise"]
+
+
+def test_no_two_objects_get_the_same_name(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    red = load_object(scene, "red")
+    assert call(capsys, "edit", scene, "--rename", "twin= red   vase ", "--rename", f"blue={red.name}").code == 0
+    names = {record.id: record.name for record in list_objects(scene)}
+    assert names == {"red": red.name, "twin": "red vase", "blue": f"{red.name}-2"}
 
 
 @pytest.mark.parametrize(
@@ -91,6 +116,10 @@ def test_new_object_name_merge_and_deletion(
         (("--merge", "red=red"), "two different objects"),
         (("--merge", "red=vase"), "No object is called 'vase'"),
         (("--rename", "vase=Vase"), "no object with the id 'vase'"),
+        (("--threshold", "red=1.5"), "must be from 0 to 1"),
+        (("--threshold", "red=high"), "an id and a number"),
+        (("--threshold", "vase=0.5"), "no object with the id 'vase'"),
+        (("--level", "red=1"), "has no level 1"),
         (("--delete", "red", "--delete", "vase"), "no object with the id 'vase'"),
     ],
 )

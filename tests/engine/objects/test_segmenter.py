@@ -17,8 +17,8 @@ from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership, load_object, save_object
-from engine.objects.trash import list_trash, restore_object
 from engine.project_folder import ProjectFolder
+from engine.records import list_trash, restore_object
 from engine.scene.polished import load_polished
 from engine.words import split_texts
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project

@@ -12,8 +12,18 @@ import pytest
 
 from engine.errors import DiskError, ObjectError
 from engine.objects.storage import list_objects, load_membership, save_object
-from engine.objects.trash import delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
 from engine.project_folder import ProjectFolder
+from engine.records import (
+    bring_back,
+    delete_object,
+    discard_object,
+    empty_trash,
+    keep_version,
+    list_trash,
+    object_states,
+    rename_object,
+    restore_object,
+)
 from tests.engine.objects.test_storage import MEMBERSHIP, RECORD
 
 
@@ -149,3 +159,30 @@ def test_note_cannot_restore_an_object_to_a_place_outside(project: ProjectFolder
     assert restore_object(project, "1").id == "precious"
     assert [record.id for record in list_objects(project.path)] == ["precious"]
     assert not list(project.path.parent.glob("precious*"))
+
+
+def test_earlier_state_comes_back_and_forth_under_the_present_name_and_record(project: ProjectFolder) -> None:
+    record_file = project.path / "objects" / "vase" / "record.json"
+    first = object_states(project.path)["vase"]
+    keep_version(project, "vase", why="corrected")
+    other = np.array([0, 0, 1], np.float32)
+    save_object(project.path, RECORD, other)
+    second = object_states(project.path)["vase"]
+    rename_object(project.path, "vase", "Urn")
+    record_file.write_text('{"title": "Urn"}')
+    assert object_states(project.path)["vase"] == second != first, "the name is no part of the state"
+    for state, membership in ((first, MEMBERSHIP), (second, other), (first, MEMBERSHIP)):
+        bring_back(project, "vase", state, why="undone in Blender")
+        assert object_states(project.path) == {"vase": state}
+        np.testing.assert_array_equal(load_membership(project.path, "vase"), membership)
+        assert [record.name for record in list_objects(project.path)] == ["Urn"]
+        assert record_file.read_text() == '{"title": "Urn"}'
+        assert len(list_trash(project.path)) == 1, "the trash does not grow"
+    discard_object(project, "vase", why="undone in Blender")
+    assert object_states(project.path) == {}
+    bring_back(project, "vase", first, why="")
+    assert object_states(project.path) == {"vase": first}
+    empty_trash(project)
+    with pytest.raises(ObjectError, match="no earlier state of 'vase' any more"):
+        bring_back(project, "vase", second, why="")
+    assert object_states(project.path) == {"vase": first}

@@ -13,13 +13,42 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from ..errors import DiskError, FormatError, ObjectError
-from ..files import TEMPORARY_PREFIX, delete_derived, object_file, optional, path_within, read_json, write_json
+from ..files import (
+    TEMPORARY_PREFIX,
+    delete_derived,
+    object_file,
+    optional,
+    path_within,
+    read_json,
+    replace_together,
+    write_json,
+)
 from ..project_folder import SCENE_OUTPUT, ProjectFolder
-from ..records import RECORD_FILE, ObjectRecord, new_id, new_name, read_record, recorded_files, write_record
 from ..system import replace_file
-from .storage import list_objects, load_object, object_ids, taken_ids
+from .museum_record import MUSEUM_RECORD_FILE
+from .object_record import (
+    COMPUTED_FILES,
+    RECORD_FILE,
+    ObjectRecord,
+    new_id,
+    new_name,
+    read_record,
+    recorded_files,
+    write_record,
+)
+from .state_digest import state_of
+from .stored_objects import list_objects, load_object, object_ids, taken_ids
 
-__all__ = ["Trashed", "delete_object", "discard_object", "empty_trash", "keep_version", "list_trash", "restore_object"]
+__all__ = [
+    "Trashed",
+    "bring_back",
+    "delete_object",
+    "discard_object",
+    "empty_trash",
+    "keep_version",
+    "list_trash",
+    "restore_object",
+]
 
 _TRASH, _OBJECT, _INFO = "trash", "object", "trash.json"
 _VERSION = 1  # by definition
@@ -154,6 +183,61 @@ def _find_entry(entries: Sequence[Trashed], which: str) -> Trashed:
             return entry
     known = ", ".join(f"{number} ({entry.name})" for number, entry in enumerate(entries, 1)) or "nothing"
     raise ObjectError(f"The trash has no {which!r}. It holds: {known}.")
+
+
+def bring_back(project: ProjectFolder, object_id: str, state: str, *, why: str) -> None:
+    """Give an object the state that it had before, which the trash has. Its present state, if any, goes to the trash.
+
+    After a kill at any moment the object has the old state or the new one. Its name and museum record stay.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        Open for writing.
+    object_id : str
+    state : str
+        As of `state_of`.
+    why : str
+        What the list of the trash says of the present state.
+
+    Raises
+    ------
+    ObjectError
+        When the trash has no such state, for example since it was emptied.
+    FormatError
+        When a record is damaged.
+    DiskError
+        When a file cannot be written.
+    """
+    entry = next((one for one in reversed(list_trash(project.path)) if _has_state(one, object_id, state)), None)
+    if entry is None:
+        raise ObjectError(f"The trash of {project.path} has no earlier state of {object_id!r} any more.")
+    folder, stored = path_within(project.path, "objects", object_id), entry.folder / _OBJECT
+    if object_id in object_ids(project.path):
+        present = read_record(folder / RECORD_FILE)
+        if not any(_has_state(one, object_id, state_of(folder)) for one in list_trash(project.path)):
+            keep_version(project, object_id, why=why)
+        record, files = read_record(stored / RECORD_FILE), recorded_files(stored / RECORD_FILE)
+        with replace_together(folder, optional=COMPUTED_FILES) as new:
+            for file in stored.iterdir():
+                if file.is_file() and not file.is_symlink() and file.name != MUSEUM_RECORD_FILE:
+                    shutil.copyfile(file, new / file.name)
+            write_record(new / RECORD_FILE, replace(record, id=object_id, name=present.name), files)
+    else:
+        # What is left of a folder without a record is no object, but may be what the user wrote about it.
+        if folder.is_dir() and not any(folder.iterdir()):
+            delete_derived(project.path, "objects", object_id)
+        _move(stored, folder)
+    delete_derived(project.path, _TRASH, entry.folder.name)
+
+
+def _has_state(entry: Trashed, object_id: str, state: str) -> bool:
+    if entry.id != object_id:
+        return False
+    try:
+        return state_of(entry.folder / _OBJECT) == state
+    except FormatError:
+        return False
 
 
 def empty_trash(project: ProjectFolder, *, older_than_days: float = 0.0) -> tuple[int, int]:  # by definition
