@@ -22,6 +22,7 @@ from .properties import HeritageObject, project_of, record_of
 from .sog_pictures import encode_picture
 from .splats import SplatScene
 from .stored_file import StoredFile
+from .world_placement import world_matrix
 
 __all__ = ["FORMATS", "ExportOptions", "export_splats", "export_together"]
 
@@ -154,7 +155,7 @@ def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
     if not kept.all():
         gaussians, extra = gaussians[kept], {name: values[kept] for name, values in extra.items()}
         lost = None if lost is None else lost[kept]
-    matrix = np.array(obj.matrix_world, dtype=np.float64)
+    matrix = world_matrix(obj)
     if options.own_origin:
         matrix[:3, 3] = 0
     return _Exported(gaussians, extra, matrix, stored, lost)

@@ -25,6 +25,7 @@ from .preferences import user_folder
 from .properties import COUNT_KEY, heritage_objects, loading, project_of, scene_count
 from .scene_file import whole_scene
 from .splats import SplatScene
+from .world_placement import copy_world_matrix
 
 __all__ = [
     "add_rows",
@@ -146,7 +147,7 @@ def new_object(scene: bpy.types.Scene, name: str, rows: NDArray[np.integer], who
         name, source.local_gaussians()[kept], collection, index=index[kept], membership=membership
     )
     obj = splats.object
-    obj.matrix_world = whole.matrix_world
+    copy_world_matrix(obj, whole)
     obj[COUNT_KEY] = scene_count(whole)
     for key, value in placement_properties(whole).items():
         obj[key] = value

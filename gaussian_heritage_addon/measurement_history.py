@@ -7,6 +7,7 @@ back, and the measurement that it stands for is stored again.
 from __future__ import annotations
 
 import uuid
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
@@ -26,12 +27,13 @@ _current: dict[tuple[str, Path], str] = {}
 """By name of the scene and project: the mark that it had when this Blender stored a measurement last."""
 
 
-def remember(scene: bpy.types.Scene, before: Measurement, after: Measurement) -> None:
-    """Remember that the measurement `before` of the project of `scene` was replaced by `after`."""
-    project = project_of(scene.heritage)
+def remember(scenes: Sequence[bpy.types.Scene], before: Measurement, after: Measurement) -> None:
+    """Remember that the measurement `before` of the project that `scenes` show was replaced by `after`."""
     mark = uuid.uuid4().hex
-    _meanings[project, _mark_of(scene)], _meanings[project, mark] = before, after
-    scene[_MARK_KEY] = _current[scene.name, project] = mark
+    for scene in scenes:
+        project = project_of(scene.heritage)
+        _meanings[project, _mark_of(scene)], _meanings[project, mark] = before, after
+        scene[_MARK_KEY] = _current[scene.name, project] = mark
 
 
 def _mark_of(scene: bpy.types.Scene) -> str:
@@ -55,7 +57,10 @@ def _after_undo() -> None:
         if mark == known or wanted is None:
             continue
         _current[scene.name, project] = mark
-        if load_measurement(project) != _meanings[project, known]:
+        stored = load_measurement(project)
+        if stored == wanted:  # another scene shows the project, too
+            continue
+        if stored != _meanings[project, known]:
             raise ObjectError(f"{project.name} was measured by another program since. Open the project again.")
         save_measurement(project, wanted)
 

@@ -10,12 +10,13 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import FormatError, ObjectError
+from ..engine.errors import FormatError, HeritageError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
 from .measurement_history import remember
-from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties
+from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties, shows_project
 from .properties import heritage_objects, project_of
+from .world_placement import drawn_matrix
 
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
 
@@ -50,7 +51,7 @@ def _stamp(file: Path) -> tuple[int, int]:
 
 
 def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
-    """Store `measurement` in the project of `scene`, and place its splats and cameras accordingly.
+    """Store `measurement` in the project of `scene`, and place it accordingly in all scenes of the file that show it.
 
     Raises
     ------
@@ -63,12 +64,23 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
     except FormatError:
         # A damaged file is replaced, and does not come back.
         before = Measurement()
+    # In every scene of the file: objects that stayed behind would show other lengths than those that are stored.
     save_measurement(project, measurement)
-    apply_measurement(scene, measurement)
-    remember(scene, before, measurement)
-    bpy.context.view_layer.update()
-    for ruler, length in rulers(scene):
-        ruler.name = length_text(scene, length)
+    done: list[bpy.types.Scene] = []
+    try:
+        for one in bpy.data.scenes:
+            apply_measurement(one, project, measurement)
+            done.append(one)
+    except HeritageError:
+        for one in done:
+            apply_measurement(one, project, before)
+        save_measurement(project, before)
+        raise
+    scenes = [one for one in bpy.data.scenes if shows_project(one, project)]
+    remember(scenes, before, measurement)
+    for one in scenes:
+        for ruler, length in rulers(one):
+            ruler.name = length_text(one, length)
 
 
 def scene_points(scene: bpy.types.Scene, points: Sequence[Float64]) -> list[Point]:
@@ -117,6 +129,7 @@ def rulers(scene: bpy.types.Scene) -> list[tuple[bpy.types.Object, float]]:
     found = []
     for obj in scene.objects:
         if obj.type == "MESH" and RULER_KEY in obj and len(obj.data.vertices) == 2:
-            first, second = (obj.matrix_world @ vertex.co for vertex in obj.data.vertices)
+            placement = drawn_matrix(obj)
+            first, second = (placement @ vertex.co for vertex in obj.data.vertices)
             found.append((obj, float((second - first).length)))
     return found

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ..engine.project_content import ProjectObject, load_level, load_membership, require_intact
@@ -17,6 +16,7 @@ from .object_geometry import foot_of, near_object
 from .placement import placement_properties
 from .properties import COUNT_KEY, HeritageObject, loading, scene_count
 from .splats import SplatScene
+from .world_placement import copy_world_matrix
 
 __all__ = ["add_object", "new_collection", "origin_in_scene", "update_object"]
 
@@ -73,7 +73,7 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
     collection = new_collection(scene.collection, item.name)
     splats = SplatScene.create(item.name, _moved(gaussians, -foot), collection, index=index, membership=membership)
     obj = splats.object
-    obj.matrix_world = whole.matrix_world @ Matrix.Translation(foot)
+    copy_world_matrix(obj, whole, foot)
     for key, value in placement_properties(whole).items():
         obj[key] = value
     properties: HeritageObject = obj.heritage

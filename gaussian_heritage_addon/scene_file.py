@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import bpy
+import numpy as np
 from mathutils import Matrix
 
 from ..engine.errors import FormatError
@@ -34,6 +35,7 @@ from .sog_pictures import decode_picture
 from .splat_view import is_software
 from .splats import SplatScene
 from .stored_file import keep_file
+from .world_placement import set_world_matrix, world_matrix
 
 __all__ = [
     "add_objects",
@@ -99,7 +101,7 @@ def add_other_file(
     up = up or content.up or ("z" if content.is_ours else "-y")
     splats = SplatScene.create(name, content.gaussians, scene.collection)
     upright = Matrix(file_from_z_up(up).T.tolist())
-    splats.object.matrix_world = upright @ Matrix.Translation(content.origin)
+    set_world_matrix(splats.object, np.array(upright @ Matrix.Translation(content.origin)))
     keep_file(splats.object, content, up)
     _show(scene, splats, len(content.gaussians))
     if tell is not None:
@@ -145,7 +147,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
     measurement = load_measurement(project) if has_cameras else Measurement()
     earlier = whole_scene(scene, project)
-    placement = None if earlier is None else earlier.matrix_world.copy()
+    placement = None if earlier is None else world_matrix(earlier)
     measured = {} if earlier is None else placement_properties(earlier)
     if earlier is not None:
         # The scene may have been trained again. Its placement is the user's choice.
@@ -159,7 +161,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     splats = add_splat_file(scene, file, name)
     splats.object.heritage.project = str(project)
     if placement is not None:
-        splats.object.matrix_world = placement
+        set_world_matrix(splats.object, placement)
         for key, value in measured.items():
             splats.object[key] = value
     scene.heritage.project = str(project)
@@ -179,7 +181,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     added = add_objects(scene, project, [item.id for item in objects if item.id not in kept])
     if added and active_object(scene) is None:
         set_active_object(scene, added[0].object)
-    apply_measurement(scene, measurement)
+    apply_measurement(scene, project, measurement)
     return splats
 
 

@@ -22,6 +22,7 @@ from .moved_vertices import mark_as_right, moves_since
 from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import ANTIALIASED, ANTIALIASED_KEY, add_display, set_display_input
 from .stored_file import StoredFile, forget_lost_digits, stored_file, unit_quats, with_stored_values
+from .world_placement import world_matrix
 
 __all__ = ["SplatScene"]
 
@@ -280,7 +281,7 @@ class SplatScene:
         membership = self.membership
         if threshold is not None and membership is not None:
             gaussians = gaussians[membership >= np.float32(threshold)]
-        return transform_gaussians(gaussians, np.array(self.object.matrix_world, dtype=np.float64))
+        return transform_gaussians(gaussians, world_matrix(self.object))
 
     @contextlib.contextmanager
     def _readable_mesh(self) -> Iterator[bpy.types.Mesh]:

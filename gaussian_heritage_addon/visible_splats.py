@@ -20,6 +20,7 @@ from .placement import placement_of
 from .properties import heritage_objects, project_of, scene_count
 from .sight import Seen, Sight, SplatLayer, seen_on_ray
 from .splats import SplatScene
+from .world_placement import world_matrix
 
 __all__ = [
     "PhotoSight",
@@ -48,7 +49,7 @@ class PhotoSight:
     camera : Camera
         With its lens distortion. Positions are pixels of the photo, from its upper left corner.
     world_from_scene : array of shape [4, 4], float64
-        ``matrix_world`` of the whole scene, which can be inverted.
+        Placement of the whole scene, which can be inverted.
     """
 
     camera: Camera
@@ -82,7 +83,7 @@ def viewport_camera(context: bpy.types.Context) -> PinholeCamera | None:
         return None
     region = next(one for one in area.regions if one.type == "WINDOW")
     view = area.spaces.active.region_3d
-    viewmat = FLIP @ np.array(view.view_matrix, np.float64) @ _placement(whole)
+    viewmat = FLIP @ np.array(view.view_matrix, np.float64) @ world_matrix(whole)
     size = np.cbrt(abs(np.linalg.det(viewmat[:3, :3])))
     if not (np.isfinite(size) and size > 0):
         return None
@@ -112,10 +113,6 @@ def _whole(scene: bpy.types.Scene) -> bpy.types.Object:
     if whole is None:
         raise ObjectError("The whole scene is not in this file. Open the project again.")
     return whole
-
-
-def _placement(obj: bpy.types.Object) -> Float64:
-    return np.array(obj.matrix_world, np.float64)
 
 
 @dataclass(frozen=True)
@@ -169,7 +166,7 @@ def _layer(obj: bpy.types.Object, isolated: Sequence[bpy.types.Object], names: S
     else:
         labels = _labels_of_scene(obj, splats, isolated, names)
     vertices = np.flatnonzero(shown)
-    return SplatLayer(obj.name, RayCaster(gaussians[vertices]), _placement(obj), labels[vertices], vertices)
+    return SplatLayer(obj.name, RayCaster(gaussians[vertices]), world_matrix(obj), labels[vertices], vertices)
 
 
 def _labels_of_scene(
