@@ -14,8 +14,9 @@ from ..engine.errors import FormatError, HeritageError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
 from .measurement_history import remember
-from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties, shows_project
+from .placement import RULER_KEY, apply_measurement, is_metric, placement_properties, scene_placement, shows_project
 from .properties import heritage_objects, project_of
+from .scene_file import whole_scene
 from .world_placement import drawn_matrix
 
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
@@ -91,20 +92,28 @@ def scene_points(scene: bpy.types.Scene, points: Sequence[Float64]) -> list[Poin
     ObjectError
         When the whole scene was not imported, or is flattened.
     """
-    whole = next(iter(heritage_objects(scene, "SCENE")), None)
+    whole = whole_scene(scene, project_of(scene.heritage))
     if whole is None:
         raise ObjectError("The whole scene is not in this file. Open the project again.")
-    inverse = np.linalg.inv(placement_of(whole))
+    inverse = np.linalg.inv(scene_placement(whole))
     moved = [inverse[:3, :3] @ point + inverse[:3, 3] for point in points]
     return [(float(x), float(y), float(z)) for x, y, z in moved]
 
 
 def length_text(scene: bpy.types.Scene, length: float) -> str:
     """Return a length of Blender's world as text, in metres where the scale is known."""
-    whole = next(iter(heritage_objects(scene, "SCENE")), None)
-    if whole is None or not is_metric(whole):
+    if not any(is_metric(obj) for obj in _measured_splats(scene)):
         return f"{length:.4g} units"
     return f"{length:.3f} m" if length >= 1 else f"{length * 100:.1f} cm"
+
+
+def _measured_splats(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the splats that say what a length of `scene` is: those of its project, or all where it has none."""
+    splats = heritage_objects(scene)
+    if not scene.heritage.project:
+        return splats
+    project = project_of(scene.heritage)
+    return [obj for obj in splats if obj.heritage.project and project_of(obj.heritage) == project]
 
 
 def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.types.Object:
@@ -113,8 +122,8 @@ def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.ty
     mesh.from_pydata([(0.0, 0.0, 0.0), (second - first).tolist()], [(0, 1)], [])
     ruler = bpy.data.objects.new(length_text(scene, float(np.linalg.norm(second - first))), mesh)
     ruler[RULER_KEY] = True
-    for whole in heritage_objects(scene, "SCENE")[:1]:
-        for key, value in placement_properties(whole).items():
+    for obj in _measured_splats(scene)[:1]:
+        for key, value in placement_properties(obj).items():
             ruler[key] = value
     ruler.show_name = ruler.show_in_front = True
     ruler.display_type, ruler.hide_render = "WIRE", True

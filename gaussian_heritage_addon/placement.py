@@ -15,16 +15,19 @@ from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
 from ..engine.scene import ExportFrame, Measurement
+from .mesh_frame import stored_matrix
 from .properties import photo_of, project_of
+from .splats import SplatScene
 from .world_placement import parents_of, set_world_matrix, world_matrix
 
 __all__ = [
     "RULER_KEY",
     "apply_measurement",
     "frame_of_object",
+    "frame_of_whole",
     "is_metric",
-    "placement_of",
     "placement_properties",
+    "scene_placement",
     "shows_project",
     "world_from_scene",
 ]
@@ -37,7 +40,6 @@ _METRIC_KEY = "heritage_metric"
 """Custom property: whether that matrix made Blender's unit a metre."""
 RULER_KEY = "heritage_ruler"
 """Custom property of a ruler, which moves with what it measures."""
-_MAX_ENTRY = 1e15
 _SAME = 1e-9
 """Difference from the identity up to which a move is none: moves are computed as doubles."""
 _NEAR = 2e-6
@@ -118,19 +120,26 @@ def _is_identity(move: Float64) -> bool:
     return bool(np.abs(move - np.eye(4)).max() <= _SAME)
 
 
-def placement_of(obj: bpy.types.Object) -> Float64:
-    """Return the placement [4, 4] of `obj` in Blender's world, which can be inverted.
+def scene_placement(whole: bpy.types.Object) -> Float64:
+    """Return the matrix [4, 4] from the normalised world of a project to Blender's, where its whole scene stands.
 
     Raises
     ------
     ObjectError
-        When a scale of the object, or of its parent, is 0.
+        When a scale of the scene, or of its parent, is 0.
     """
-    matrix = world_matrix(obj)
+    matrix = world_matrix(whole) @ frame_of_whole(whole)
     largest, _, smallest = np.linalg.svd(matrix[:3, :3], compute_uv=False)
     if not smallest > _MIN_THICKNESS * largest:
-        raise ObjectError(f"{obj.name} is flattened. Give it a scale other than 0.")
+        raise ObjectError(f"{whole.name} is flattened. Give it a scale other than 0.")
     return matrix
+
+
+def frame_of_whole(whole: bpy.types.Object) -> Float64:
+    """Return the matrix [4, 4] from the normalised world of a project to the frame of its whole scene."""
+    frame = SplatScene.of(whole).frame
+    # Files of older versions do not say it: there, the transform of a whole scene was rarely applied.
+    return np.eye(4) if frame is None else frame
 
 
 def placement_properties(obj: bpy.types.Object) -> dict[str, Any]:
@@ -151,14 +160,7 @@ def world_from_scene(obj: bpy.types.Object) -> Float64:
     stored = obj.get(_MATRIX_KEY)
     if stored is None:
         return np.eye(4)
-    try:
-        matrix = np.array([float(value) for value in stored]).reshape(4, 4)
-    except (TypeError, ValueError):
-        matrix = np.full((4, 4), np.nan)
-    # Written so that NaN fails.
-    if not (np.abs(matrix).max() <= _MAX_ENTRY and abs(np.linalg.det(matrix)) > 0):
-        raise ObjectError(f"The measured placement of {obj.name} was changed. Open the project in a new file.")
-    return matrix
+    return stored_matrix(stored, f"The measured placement of {obj.name}")
 
 
 def frame_of_object(obj: bpy.types.Object) -> ExportFrame:

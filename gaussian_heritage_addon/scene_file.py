@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 from mathutils import Matrix
+from numpy.typing import NDArray
 
 from ..engine.errors import FormatError
 from ..engine.files import path_within
@@ -18,8 +19,9 @@ from ..engine.records import scene_title
 from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .display_settings import apply_display, choose_display
+from .object_geometry import moved_gaussians
 from .object_import import add_object, new_collection, update_object
-from .placement import apply_measurement, placement_properties
+from .placement import apply_measurement, frame_of_whole, placement_properties
 from .properties import (
     COUNT_KEY,
     active_object,
@@ -47,10 +49,13 @@ __all__ = [
 ]
 
 
-def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
-    """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`."""
+def add_splat_file(
+    scene: bpy.types.Scene, file: Path, name: str, frame: NDArray[np.float64] | None = None
+) -> SplatScene:
+    """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`, whose mesh has `frame`."""
     gaussians = read_ply(file)
-    splats = SplatScene.create(name, gaussians, scene.collection)
+    moved = gaussians if frame is None else moved_gaussians(gaussians, frame)
+    splats = SplatScene.create(name, moved, scene.collection, frame=frame)
     _show(scene, splats, len(gaussians))
     return splats
 
@@ -148,6 +153,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     measurement = load_measurement(project) if has_cameras else Measurement()
     earlier = whole_scene(scene, project)
     placement = None if earlier is None else world_matrix(earlier)
+    frame = frame_of_whole(earlier) if SplatScene.is_splats(earlier) else None
     measured = {} if earlier is None else placement_properties(earlier)
     if earlier is not None:
         # The scene may have been trained again. Its placement is the user's choice.
@@ -158,7 +164,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         # With splats in the scene, the setting is the user's choice. With other objects, splats blend as these do.
         scene.heritage.blending = "TRAINED"
     name = scene_name(project)
-    splats = add_splat_file(scene, file, name)
+    splats = add_splat_file(scene, file, name, frame)
     splats.object.heritage.project = str(project)
     if placement is not None:
         set_world_matrix(splats.object, placement)

@@ -7,7 +7,7 @@ an object and of its parents are always right. What depends on more, such as a c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import bpy
 import numpy as np
@@ -95,7 +95,7 @@ def set_world_matrix(obj: bpy.types.Object, matrix: NDArray[np.floating]) -> Non
         obj.matrix_basis = basis_now
 
 
-def copy_world_matrix(obj: bpy.types.Object, source: bpy.types.Object, shift: Sequence[float] = (0, 0, 0)) -> None:
+def copy_world_matrix(obj: bpy.types.Object, source: bpy.types.Object, shift: Float64 | None = None) -> None:
     """Place `obj` where `source` stands, with its origin at `shift` [3] in the frame of `source`.
 
     Where a parent of `source` shears it, `obj` gets the same parent.
@@ -106,7 +106,7 @@ def copy_world_matrix(obj: bpy.types.Object, source: bpy.types.Object, shift: Se
         As `set_world_matrix`.
     """
     moved = np.eye(4)
-    moved[:3, 3] = shift
+    moved[:3, 3] = 0.0 if shift is None else shift
     matrix = world_matrix(source) @ moved
     try:
         set_world_matrix(obj, matrix)
