@@ -52,7 +52,9 @@ def test_an_unknown_unit_is_said_and_the_photos_that_saw_each_gaussian_are_kept(
 ) -> None:
     write_usd(tmp_path / "a.usdc", random_gaussians(3, degree=0), seen=np.array([0, 7, 2]))
     stage = pxr_usd.Stage.Open(str(tmp_path / "a.usdc"))
-    assert not stage.HasAuthoredMetadata("metersPerUnit")
+    # USD's own default, 0.01, would show the Gaussians 100 times too small.
+    assert stage.GetMetadata("metersPerUnit") == 1.0
+    assert "unit of this file is unknown" in stage.GetRootLayer().documentation
     assert stage.GetRootLayer().customLayerData["unit"] == "unknown"
     assert list(stage.GetDefaultPrim().GetAttribute("primvars:photosSeen").Get()) == [0, 7, 2]
 
