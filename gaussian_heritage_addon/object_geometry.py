@@ -35,8 +35,8 @@ def near_object(means: NDArray[np.float32], is_member: NDArray[np.bool_]) -> NDA
     return inside | is_member
 
 
-def moved_gaussians(gaussians: Gaussians, matrix: NDArray[np.float64]) -> Gaussians:
+def moved_gaussians(gaussians: Gaussians, matrix: NDArray[np.floating]) -> Gaussians:
     """Return the Gaussians moved by an affine map [4, 4]. Where it only shifts, the rest stays bit by bit."""
     if not (matrix[:3, :3] == np.eye(3)).all():
-        return transform_gaussians(gaussians, matrix)
+        return transform_gaussians(gaussians, matrix.astype(np.float64))
     return replace(gaussians, means=(gaussians.means + matrix[:3, 3]).astype(np.float32))
