@@ -12,9 +12,10 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import DiskError, ObjectError, ProjectError, SettingsError
+from ..engine.errors import DiskError, HeritageError, ObjectError, ProjectError, SettingsError
 from ..engine.files import path_within
 from ..engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz
+from ..engine.project_content import list_objects
 from ..engine.scene import Gaussians, far_gaussians, read_camera_set
 from .moved_projects import is_missing
 from .object_geometry import moved_gaussians
@@ -95,8 +96,25 @@ def _is_closed(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 
 
 def clean_name(obj: bpy.types.Object) -> str:
-    """Return the name of splats without the number that Blender adds to names that are in use (``vase.001``)."""
-    return re.sub(r"\.\d{3,}$", "", obj.name) or obj.heritage.object_id or "object"
+    """Return the name of splats without the number that Blender adds to names that are in use (``vase.001``).
+
+    The name that the project has for the object stays as it is, and so does a name of numbers only (``1906.123``).
+    """
+    numbered = re.fullmatch(r"(.*[^\d.].*)\.\d{3}", obj.name)
+    if numbered is None or _name_in_project(obj) == obj.name:
+        return obj.name
+    return numbered[1]
+
+
+def _name_in_project(obj: bpy.types.Object) -> str:
+    """Return the name of an isolated object in its project; empty where that cannot be read."""
+    if not obj.heritage.object_id or is_missing(obj.heritage):
+        return ""
+    try:
+        names = {item.id: item.name for item in list_objects(project_of(obj.heritage))}
+    except HeritageError:
+        return ""
+    return names.get(obj.heritage.object_id, "")
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,9 @@ def test_files_are_named_after_the_record_and_never_after_blenders_numbers(
     vase = isolated()["vase"]
     vase.name = "Vase.001"
     assert export(tmp_path / "a") == {"Vase.glb"}
+    vase.name = "1906.123"
+    assert export(tmp_path / "numbers") == {"1906.123.glb"}
+    vase.name = "Vase.001"
     vase.heritage.catalogue_number = "1906/12"
     assert export(tmp_path / "b") == {"1906_12 Vase.glb"}
     copy = vase.copy()

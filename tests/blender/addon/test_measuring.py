@@ -35,7 +35,9 @@ def by(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def exported(part: Part, folder: Path, scope: str = "ALL") -> Any:
-    assert bpy.ops.heritage.export_objects(directory=str(folder), scope=scope, overwrite=True) == {"FINISHED"}
+    assert bpy.ops.heritage.export_objects(directory=str(folder), format="PLY", scope=scope, overwrite=True) == {
+        "FINISHED"
+    }
     (file,) = folder.glob("*.ply")
     return part("engine.formats").read_ply(file), file.read_bytes()
 
