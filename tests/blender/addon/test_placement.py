@@ -274,17 +274,26 @@ def test_work_goes_on_after_reopening_as_if_the_file_had_never_been_closed(
 
 
 def test_reopened_file_keeps_its_cameras_when_it_is_measured(
-    measured: Any, part: Part, camera: Any, tmp_path: Path
+    project: Any, part: Part, camera: Any, tmp_path: Path
 ) -> None:
-    reopened(tmp_path)
     scene_part, measuring = part("engine.scene"), part("gaussian_heritage_addon.measuring")
-    before = measuring.current_measurement(measured.folder)
+    folder = project.folder / "cameras"
+    viewmat = camera.viewmat.copy()
+    viewmat[:3, 3] += (0.1, 0.2, 0.3)
+    cameras = (camera, replace(camera, photo="view 2.jpg", viewmat=viewmat))
+    part("engine.scene.camera_storage").write_camera_set(
+        folder, replace(scene_part.read_camera_set(folder), cameras=cameras)
+    )
+    bpy.ops.heritage.open_project(directory=str(project.folder))
+    reopened(tmp_path)
     longer = (scene_part.MeasuredDistance((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 5.0),)
-    measuring.measure(bpy.context.scene, replace(before, distances=longer))
-    placement = scene_part.load_measurement(measured.folder).measured_from_world
-    photo = next(obj for obj in bpy.data.objects if obj.type == "CAMERA")
-    np.testing.assert_allclose(np.array(photo.location), by(placement, camera.center), atol=1e-4)
-    assert part("gaussian_heritage_addon.measuring").length_text(bpy.context.scene, 1.0) == "1.000 m"
+    measuring.measure(bpy.context.scene, scene_part.Measurement(longer, origin=(1.0, 1.0, 1.0)))
+    placement = scene_part.load_measurement(project.folder).measured_from_world
+    placed = {obj["heritage_photo"]: np.array(obj.location) for obj in bpy.data.objects if obj.type == "CAMERA"}
+    assert len(placed) == 2
+    for one in cameras:
+        np.testing.assert_allclose(placed[one.photo], by(placement, one.center), atol=1e-4)
+    assert measuring.length_text(bpy.context.scene, 1.0) == "1.000 m"
 
 
 def test_every_scene_that_shows_the_project_is_measured(measured: Any, part: Part) -> None:
@@ -386,3 +395,26 @@ def test_parts_of_a_moved_object_stay_where_they_are_seen(measured: Any) -> None
     obj.data.vertices.foreach_set("select", np.arange(40) >= 20)
     assert bpy.ops.heritage.split_object(name="Part") == {"FINISHED"}
     np.testing.assert_allclose(drawn(bpy.data.objects["Part"]), wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("file_format", ["PLY", "GLB", "SPZ"])
+def test_joined_objects_are_exported_as_they_were_seen_apart(
+    file_format: str, measured: Any, part: Part, tmp_path: Path
+) -> None:
+    scene_file, splats = part("gaussian_heritage_addon.scene_file"), part("gaussian_heritage_addon.splats").SplatScene
+    write_object(measured.folder, "teapot", "Teapot", np.r_[np.zeros(45), np.ones(55)].astype(np.float32))
+    scene_file.add_objects(bpy.context.scene, measured.folder, ["teapot"])
+    bpy.context.scene.heritage.show = "OBJECTS"
+    first, second = vase(), isolated()["teapot"]
+    change_place(second)
+    seen = splats.of(first).gaussians(0.5).joined(splats.of(second).gaussians(0.5))
+    for obj in bpy.context.scene.objects:
+        obj.select_set(obj in (first, second))
+    bpy.context.view_layer.objects.active = first
+    assert bpy.ops.object.join() == {"FINISHED"}
+    reopened_with_closed_eye(tmp_path)
+    bpy.ops.heritage.export_objects(directory=str(tmp_path / "out"), format=file_format, with_hidden=True)
+    (file,) = (tmp_path / "out").iterdir()
+    written = read(part, file)
+    np.testing.assert_allclose(written.means, seen.means, atol=1e-3 if file_format == "SPZ" else 1e-4)
+    assert size(written) == pytest.approx(size(seen), rel=0.05 if file_format == "SPZ" else 1e-3)
