@@ -63,8 +63,8 @@ def write_usd_elsewhere(
                 what=f"writing {path}",
                 python=python,
             )
-        except ChildFailure as failure:
-            raise DiskError(f"{path} was not written. {failure} Export GLB, PLY or SPZ instead.") from failure
+        except (ChildFailure, OSError) as failure:
+            raise DiskError(f"{path} was not written: {failure} Export GLB, PLY or SPZ instead.") from failure
 
 
 def usd_from_ply(
