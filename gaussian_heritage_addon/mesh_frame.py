@@ -45,8 +45,14 @@ def frame_of_mesh(mesh: bpy.types.Mesh) -> Float64 | None:
 
 
 def follow_frame(mesh: bpy.types.Mesh) -> None:
-    """Store the frame that the vertices have now, before `mark_as_right` forgets how they moved."""
-    frame = frame_of_mesh(mesh)
+    """Store the frame that the vertices have now, before `mark_as_right` forgets how they moved.
+
+    A frame that another program has changed stays as it is: whoever needs it says so.
+    """
+    try:
+        frame = frame_of_mesh(mesh)
+    except ObjectError:
+        return
     if frame is not None:
         mesh[_FRAME_KEY] = frame.ravel().tolist()
 

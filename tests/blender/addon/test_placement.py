@@ -420,3 +420,13 @@ def test_joined_objects_are_exported_as_they_were_seen_apart(
     written = read(part, file)
     np.testing.assert_allclose(written.means, seen.means, atol=1e-3 if file_format == "SPZ" else 1e-4)
     assert size(written) == pytest.approx(size(seen), rel=0.05 if file_format == "SPZ" else 1e-3)
+
+
+@pytest.mark.parametrize("frame", [[0.0] * 16, [1.0] * 3, "none", [float("nan")] * 16, 7])
+def test_a_frame_that_was_changed_in_a_file_is_one_sentence(frame: Any, measured: Any, part: Part) -> None:
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+    whole.data["heritage_frame"] = frame
+    whole.data.vertices[0].co.x += 1
+    bpy.context.view_layer.update()
+    with pytest.raises(part("engine.errors").ObjectError, match=r"The frame of .* was changed\. Open the project"):
+        part("gaussian_heritage_addon.measuring").scene_points(bpy.context.scene, [np.zeros(3)])
