@@ -44,6 +44,8 @@ _LOG = logging.getLogger(__name__)
 # Not `__name__`, which is `__main__` in the child.
 _MODULE = f"{__package__}.child_process"
 _ROOT = Path(__file__).resolve().parents[_MODULE.count(".")]
+_OWN_ROOT = Path(__file__).resolve().parents[1]
+_OWN_MODULE = f"{Path(__file__).resolve().parent.name}.child_process"
 
 _MAX_START_SECONDS = 300.0
 """Imports of a child on a slow disk; they do not count as work."""
@@ -75,6 +77,7 @@ def run_in_child(
     max_seconds: float,
     what: str,
     should_stop: StopCheck = never_stop,
+    python: Path | None = None,
 ) -> Any:
     """Return the result of a function of the engine, called in a child process.
 
@@ -95,6 +98,8 @@ def run_in_child(
         Description of the work for messages, e.g. "reading the COLMAP model in /scan/sparse".
     should_stop : callable
         Asked 20 times a second; the child is killed when it returns True.
+    python : Path, optional
+        Another Python that runs the child, such as that of the engine inside Blender; by default that of this process.
 
     Returns
     -------
@@ -113,7 +118,7 @@ def run_in_child(
     ModuleNotFoundError
         When a package is not installed.
     """
-    with _started() as (process, answer, complaints):
+    with _started(python) as (process, answer, complaints):
         _send(process, _request(function, arguments, max_memory, max_seconds))
         in_time = _wait(process, answer, max_seconds, what, should_stop)
     if should_stop():
@@ -195,17 +200,23 @@ class _Collector:
 
 
 @contextlib.contextmanager
-def _started() -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector]]:
+def _started(python: Path | None = None) -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector]]:
     """Start a child and yield it with its answer and its standard error; at the end it is dead, whatever happened."""
-    paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    if python is None:
+        program, module, environment = sys.executable, _MODULE, dict(os.environ)
+        paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    else:
+        # There, the engine is a package of its own, whatever it is part of here. Python's own variables are for this.
+        program, module, paths = str(python), _OWN_MODULE, [str(_OWN_ROOT)]
+        environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
     process = subprocess.Popen(
         # -P: a file in the current folder must not pass for a module of ours.
-        [sys.executable, "-P", "-m", _MODULE],
+        [program, "-P", "-m", module],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         bufsize=0,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        env={**environment, "PYTHONPATH": os.pathsep.join(paths)},
         **own_group(),
     )
     assert process.stdin and process.stdout and process.stderr

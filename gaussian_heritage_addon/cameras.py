@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 
 from ..engine.errors import ObjectError
 from ..engine.rasterizer.settings import JACOBIAN_MARGIN
@@ -14,6 +13,7 @@ from ..engine.scene import Camera, focal_and_center
 from .picking import FLIP
 from .properties import PHOTO_KEY, heritage_objects, photo_of
 from .splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input
+from .world_placement import set_world_matrix
 
 __all__ = ["INITIAL_RENDER_SIDE", "add_cameras", "current_photo", "look_through"]
 
@@ -43,7 +43,7 @@ def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> 
         data.display_size = 0.05
         data.clip_start = 0.001
         obj = bpy.data.objects.new(camera.photo, data)
-        obj.matrix_world = Matrix((np.linalg.inv(camera.viewmat) @ FLIP).tolist())
+        set_world_matrix(obj, np.linalg.inv(camera.viewmat) @ FLIP)
         obj[PHOTO_KEY] = camera.photo
         obj[_SIZE_KEY] = [camera.width, camera.height]
         obj[_PIXEL_ASPECT_KEY] = fx / fy

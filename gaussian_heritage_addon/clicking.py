@@ -16,8 +16,10 @@ from ..engine.scene import Camera
 from .backdrop import show_backdrop
 from .cameras import current_photo, look_through
 from .picking import View, photo_pixel, require_aligned
+from .placement import scene_placement
 from .properties import project_of
 from .scene_file import whole_scene
+from .world_placement import drawn_matrix, world_matrix
 
 __all__ = ["Viewport"]
 
@@ -118,7 +120,7 @@ class Viewport:
             raise ObjectError("Look through the camera of a photo to click (Numpad 0, or the arrow keys).")
         camera, whole = photo_camera(self._project, photo), whole_scene(self.scene, self._project)
         if whole is not None:
-            require_aligned(camera, np.array(self.scene.camera.matrix_world), np.array(whole.matrix_world))
+            require_aligned(camera, world_matrix(self.scene.camera), scene_placement(whole))
         return camera
 
     def _view(self) -> View:
@@ -126,7 +128,7 @@ class Viewport:
             self._region.width,
             self._region.height,
             np.array(self._space.region_3d.perspective_matrix, np.float64),
-            np.array(self.scene.camera.matrix_world, np.float64),
+            np.array(drawn_matrix(self.scene.camera), np.float64),
         )
 
     def draw_marks(self, marks: list[tuple[Click, tuple[float, float]]]) -> None:

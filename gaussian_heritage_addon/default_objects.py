@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 from mathutils import Matrix
 
+from .world_placement import drawn_matrix
+
 __all__ = ["untouched_defaults"]
 
 _CUBE_CORNERS = {(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)}
@@ -18,7 +20,9 @@ def untouched_defaults(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def _is_default_cube(obj: bpy.types.Object) -> bool:
-    if obj.name != "Cube" or obj.type != "MESH" or obj.modifiers or obj.children or obj.matrix_world != Matrix():
+    if obj.name != "Cube" or obj.type != "MESH" or obj.modifiers or obj.children:
+        return False
+    if drawn_matrix(obj) != Matrix():
         return False
     vertices = obj.data.vertices
     return len(vertices) == 8 and {tuple(vertex.co) for vertex in vertices} == _CUBE_CORNERS
@@ -27,7 +31,7 @@ def _is_default_cube(obj: bpy.types.Object) -> bool:
 def _is_default_light(obj: bpy.types.Object) -> bool:
     if obj.name != "Light" or obj.type != "LIGHT" or obj.children:
         return False
-    place = obj.matrix_world.translation
+    place = drawn_matrix(obj).translation
     return obj.data.type == "POINT" and all(
         abs(a - b) < _TOLERANCE for a, b in zip(place, _LIGHT_LOCATION, strict=True)
     )

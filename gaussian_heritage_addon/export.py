@@ -12,21 +12,109 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import DiskError, ObjectError, ProjectError, SettingsError
+from ..engine.errors import DiskError, HeritageError, ObjectError, ProjectError, SettingsError
 from ..engine.files import path_within
-from ..engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz, write_usd
+from ..engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz
+from ..engine.project_content import list_objects
 from ..engine.scene import Gaussians, far_gaussians, read_camera_set
 from .moved_projects import is_missing
-from .placement import frame_of_object
-from .properties import HeritageObject, project_of, record_of
+from .object_geometry import moved_gaussians
+from .placement import frame_of_object, frame_of_whole
+from .properties import HeritageObject, heritage_objects, project_of, record_of
 from .sog_pictures import encode_picture
 from .splats import SplatScene
 from .stored_file import StoredFile
+from .usd_export import can_write_usd, write_usd_file
+from .world_placement import world_matrix
 
-__all__ = ["FORMATS", "ExportOptions", "export_splats", "export_together"]
+__all__ = [
+    "FORMATS",
+    "ExportChoice",
+    "ExportOptions",
+    "choose_objects",
+    "clean_name",
+    "export_formats",
+    "export_splats",
+    "export_together",
+]
 
-FORMATS = ("ply", "glb", "spz", "sog", "usd")
-"""Formats, named as the extensions of their files."""
+FORMATS = ("glb", "ply", "spz", "sog", "usd")
+"""Formats, named as the extensions of their files. The first is the default."""
+
+
+def export_formats() -> tuple[str, ...]:
+    """Return the formats that can be written now: USD needs OpenUSD in Blender or in the engine."""
+    return tuple(one for one in FORMATS if one != "usd" or can_write_usd())
+
+
+@dataclass(frozen=True)
+class ExportChoice:
+    """Which isolated objects of a scene are exported, and which are left out, each with the reason.
+
+    Attributes
+    ----------
+    objects : tuple of Object
+    left_out : tuple of (Object, str)
+        The reason is ``"hidden"`` or ``"background"``.
+    """
+
+    objects: tuple[bpy.types.Object, ...]
+    left_out: tuple[tuple[bpy.types.Object, str], ...]
+
+
+def choose_objects(scene: bpy.types.Scene, *, with_hidden: bool, with_background: bool) -> ExportChoice:
+    """Return which isolated objects of `scene` are exported when all are asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+    with_hidden : bool
+        Include objects whose eye is closed, in the list or in the outliner.
+    with_background : bool
+        Include backgrounds, which surround the objects. Where they are the only objects, they are always included.
+    """
+    every = heritage_objects(scene, "OBJECT")
+    only_background = all(obj.heritage.kind == "background" for obj in every)
+    chosen, left_out = [], []
+    for obj in every:
+        if obj.heritage.kind == "background":
+            reason = "" if with_background or only_background else "background"
+        else:
+            reason = "hidden" if _is_closed(scene, obj) and not with_hidden else ""
+        if reason:
+            left_out.append((obj, reason))
+        else:
+            chosen.append(obj)
+    return ExportChoice(tuple(chosen), tuple(left_out))
+
+
+def _is_closed(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
+    """Return whether the user has hidden an object; while the whole scene is shown, all objects are hidden for it."""
+    if obj.heritage.hidden or obj.hide_get():
+        return True
+    return scene.heritage.show == "OBJECTS" and not obj.visible_get()
+
+
+def clean_name(obj: bpy.types.Object) -> str:
+    """Return the name of splats without the number that Blender adds to names that are in use (``vase.001``).
+
+    The name that the project has for the object stays as it is, and so does a name of numbers only (``1906.123``).
+    """
+    numbered = re.fullmatch(r"(.*[^\d.].*)\.\d{3}", obj.name)
+    if numbered is None or _name_in_project(obj) == obj.name:
+        return obj.name
+    return numbered[1]
+
+
+def _name_in_project(obj: bpy.types.Object) -> str:
+    """Return the name of an isolated object in its project; empty where that cannot be read."""
+    if not obj.heritage.object_id or is_missing(obj.heritage):
+        return ""
+    try:
+        names = {item.id: item.name for item in list_objects(project_of(obj.heritage))}
+    except HeritageError:
+        return ""
+    return names.get(obj.heritage.object_id, "")
 
 
 @dataclass(frozen=True)
@@ -96,7 +184,7 @@ def export_splats(
         )
     options = options or ExportOptions()
     for obj, file in zip(objects, files, strict=True):
-        _write(file, _exported(obj, options), obj, options)
+        _write(file, _exported(obj, options), [obj], options)
     return files
 
 
@@ -110,11 +198,11 @@ def export_together(objects: Sequence[bpy.types.Object], file: Path, options: Ex
     """
     _require_some(objects)
     if file.suffix.lower().removeprefix(".") not in FORMATS:
-        raise SettingsError(f"{file.name} has no extension of a known format. Use .{', .'.join(FORMATS)}.")
+        raise SettingsError(f"{file.name} has no extension of a known format. Use .{', .'.join(export_formats())}.")
     options = replace(options or ExportOptions(), own_origin=False)
     parts = [_exported(obj, options) for obj in objects]
     if len(parts) == 1:
-        _write(file, parts[0], objects[0], options)
+        _write(file, parts[0], objects, options)
         return
     bands = max(part.gaussians.sh.shape[1] for part in parts)
     # Float32 would round what is far away: there, the Gaussians are put together near 0 first.
@@ -126,7 +214,7 @@ def export_together(objects: Sequence[bpy.types.Object], file: Path, options: Ex
         placed = _with_bands(transform_gaussians(part.gaussians, np.linalg.inv(there) @ part.matrix), bands)
         whole = placed if whole is None else whole.joined(placed)
     assert whole is not None
-    _write(file, _Exported(whole, {}, there, None), None, options)
+    _write(file, _Exported(whole, {}, there, None), objects, options)
 
 
 def _require_some(objects: Sequence[bpy.types.Object]) -> None:
@@ -154,7 +242,7 @@ def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
     if not kept.all():
         gaussians, extra = gaussians[kept], {name: values[kept] for name, values in extra.items()}
         lost = None if lost is None else lost[kept]
-    matrix = np.array(obj.matrix_world, dtype=np.float64)
+    matrix = world_matrix(obj)
     if options.own_origin:
         matrix[:3, 3] = 0
     return _Exported(gaussians, extra, matrix, stored, lost)
@@ -172,16 +260,19 @@ def _far(obj: bpy.types.Object, gaussians: Gaussians) -> NDArray[np.bool_]:
     cameras = path_within(project_of(obj.heritage), "cameras")
     if not (cameras / "cameras.json").is_file():
         return none
-    far = far_gaussians(gaussians, read_camera_set(cameras))
+    in_project = moved_gaussians(gaussians, np.linalg.inv(frame_of_whole(obj)))
+    far = far_gaussians(in_project, read_camera_set(cameras))
     return none if far.all() else far
 
 
-def _write(file: Path, exported: _Exported, obj: bpy.types.Object | None, options: ExportOptions) -> None:
-    """Write Gaussians of one object, or (None) of several, with what is known of them."""
+def _write(file: Path, exported: _Exported, objects: Sequence[bpy.types.Object], options: ExportOptions) -> None:
+    """Write Gaussians of one object, or of several, with what is known of them."""
     gaussians, matrix = exported.gaussians, exported.matrix
+    obj = objects[0] if len(objects) == 1 else None
     record = None if obj is None else record_of(obj)
-    paradata = _paradata(obj, len(gaussians))
-    name = (record.title if record is not None and options.with_record else "") or (obj.name if obj else file.stem)
+    paradata = _paradata(objects, len(gaussians))
+    title = record.title if record is not None and options.with_record else ""
+    name = title or (file.stem if obj is None else clean_name(obj))
     extras = {**({} if record is None else {"record": record.as_dict()}), "paradata": paradata}
     kind = file.suffix.lower()
     if kind == ".spz":
@@ -189,9 +280,9 @@ def _write(file: Path, exported: _Exported, obj: bpy.types.Object | None, option
     elif kind == ".sog":
         write_sog(file, gaussians, encode_picture, matrix=matrix, extras=extras if options.with_record else None)
     elif kind == ".usd":
-        metres = 1.0 if obj is not None and frame_of_object(obj).is_metric else None
+        metres = 1.0 if all(frame_of_object(one).is_metric for one in objects) else None
         data = extras if options.with_record else None
-        write_usd(file, gaussians, name=name, metres_per_unit=metres, custom_data=data, matrix=matrix)
+        write_usd_file(file, gaussians, name=name, metres_per_unit=metres, custom_data=data, matrix=matrix)
     elif kind == ".glb":
         rights = (record.rights or None) if record is not None and options.with_record else None
         data = extras if options.with_record else None
@@ -221,22 +312,26 @@ def _usable_header(stored: StoredFile, gaussians: Gaussians) -> tuple[str, ...]:
 
 
 def _file_names(objects: Sequence[bpy.types.Object], folder: Path, file_format: str) -> list[Path]:
+    """Return the files of `objects`, named after their records: the catalogue number, if there is one, and the name."""
     names: list[str] = []
     for obj in objects:
-        # Blender allows characters in names that file systems do not.
-        name = re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", obj.name).strip(" .") or "object"
+        wanted = " ".join(filter(None, [record_of(obj).catalogue_number.strip(), clean_name(obj)]))
+        # Blender and catalogues allow characters in names that file systems do not.
+        name = first = re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", wanted).strip(" .") or "object"
+        number = 2
         while name.casefold() in (used.casefold() for used in names):
-            name += "_"
+            name, number = f"{first} {number}", number + 1
         names.append(name)
     return [folder / f"{name}.{file_format}" for name in names]
 
 
-def _paradata(obj: bpy.types.Object | None, count: int) -> dict[str, Any]:
-    paradata: dict[str, Any] = {"generator": "Gaussian Heritage", "gaussians": count}
-    if obj is None:
+def _paradata(objects: Sequence[bpy.types.Object], count: int) -> dict[str, Any]:
+    units = {frame_of_object(obj).unit for obj in objects}
+    unit = units.pop() if len(units) == 1 else "unknown"
+    paradata: dict[str, Any] = {"generator": "Gaussian Heritage", "gaussians": count, "unit": unit}
+    if len(objects) > 1:
         return paradata
-    properties: HeritageObject = obj.heritage
-    paradata["unit"] = frame_of_object(obj).unit
+    properties: HeritageObject = objects[0].heritage
     if properties.role == "OBJECT":
         paradata |= {
             "object_id": properties.object_id,

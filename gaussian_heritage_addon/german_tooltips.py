@@ -27,12 +27,21 @@ TEXTS: dict[str, str] = {
     "Add what the region shows of the scene to the object": (
         "Was der Bereich von der Szene zeigt, wird Teil des Objekts"
     ),
-    "All isolated objects": "Alle freigestellten Objekte",
+    "All isolated objects that are shown, without the background": (
+        "Alle freigestellten Objekte, die angezeigt werden, ohne den Hintergrund"
+    ),
     "Also all that is behind it": "Auch alles, was dahinter liegt",
     "An isolated object": "Ein freigestelltes Objekt",
     "As trained, in all viewport modes": "Wie trainiert, in allen Ansichten",
     "Axis of the file that points up; GLB defines it": ("Achse der Datei, die nach oben zeigt; GLB legt sie fest"),
-    "Binary glTF with KHR_gaussian_splatting, Y up": "Binäres glTF mit KHR_gaussian_splatting, Y zeigt nach oben",
+    "Recommended: binary glTF with KHR_gaussian_splatting and the record, upright in every program": (
+        "Empfohlen: binäres glTF mit KHR_gaussian_splatting und den Objektdaten, steht in jedem Programm aufrecht"
+    ),
+    "Format of the files": "Format der Dateien",
+    "With All: include the objects whose eye is closed": "Bei „Alle“: auch die Objekte, deren Auge geschlossen ist",
+    "With All: include the background, which surrounds the objects": (
+        "Bei „Alle“: auch den Hintergrund, der die Objekte umgibt"
+    ),
     "Blend light, like other objects in Blender; uses the view transform Standard": (
         "Licht mischen wie andere Objekte in Blender; nutzt die Ansichtstransformation „Standard“"
     ),

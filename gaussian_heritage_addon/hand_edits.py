@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
-from .object_import import new_collection, origin_in_scene
+from .object_geometry import moved_gaussians
+from .object_import import frame_in_project, new_collection
 from .object_names import ID_KEY, give_new_name
-from .placement import placement_properties
+from .placement import frame_of_whole, placement_properties
 from .properties import COUNT_KEY, heritage_objects, loading, project_of, scene_count
 from .scene_file import whole_scene
 from .splats import SplatScene
+from .world_placement import copy_world_matrix
 
 __all__ = [
     "add_rows",
@@ -87,9 +88,8 @@ def add_rows(obj: bpy.types.Object, rows: NDArray[np.integer], whole: bpy.types.
     index = source.index(count)
     copied = np.flatnonzero((index >= 0) & wanted[index])
     if len(copied):
-        new = source.local_gaussians()[copied]
-        means = (new.means - origin_in_scene(splats, whole)).astype(np.float32)
-        joined = splats.local_gaussians().joined(replace(new, means=means))
+        there = frame_in_project(splats, whole) @ np.linalg.inv(frame_of_whole(whole))
+        joined = splats.local_gaussians().joined(moved_gaussians(source.local_gaussians()[copied], there))
         membership = np.concatenate([membership, np.full(len(copied), _IN, np.float32)])
         splats.replace(joined, index=np.concatenate([own, index[copied]]), membership=membership)
     else:
@@ -121,31 +121,34 @@ def take_vertices(obj: bpy.types.Object, vertices: NDArray[np.integer]) -> int:
     return int(before.sum() - after.sum())
 
 
-def new_object(scene: bpy.types.Scene, name: str, rows: NDArray[np.integer], whole: bpy.types.Object) -> SplatScene:
-    """Add an isolated object made of `rows` [K] of the project's scene, where they are in `whole`.
+def new_object(
+    scene: bpy.types.Scene, name: str, vertices: NDArray[np.integer], source: bpy.types.Object
+) -> SplatScene:
+    """Add an isolated object made of the Gaussians at `vertices` [K] of splats, which stand where they stand there.
 
     Raises
     ------
     ObjectError
-        When no row is given.
+        When no Gaussian of the project's scene is among them.
     """
-    source = SplatScene.of(whole)
-    index = source.index(scene_count(whole))
-    kept = np.flatnonzero((index >= 0) & np.isin(index, rows))
+    splats = SplatScene.of(source)
+    index = splats.index(scene_count(source))
+    kept = vertices[index[vertices] >= 0]
     if not len(kept):
         raise ObjectError("Nothing is selected that a new object could be made of.")
     collection = new_collection(scene.collection, name)
+    gaussians, frame = splats.local_gaussians()[kept], splats.frame
+    if frame is None:
+        frame = frame_in_project(splats, source if source.heritage.role == "SCENE" else whole_of(source, scene))
     membership = np.full(len(kept), _IN, np.float32)
-    splats = SplatScene.create(
-        name, source.local_gaussians()[kept], collection, index=index[kept], membership=membership
-    )
+    splats = SplatScene.create(name, gaussians, collection, index=index[kept], membership=membership, frame=frame)
     obj = splats.object
-    obj.matrix_world = whole.matrix_world
-    obj[COUNT_KEY] = scene_count(whole)
-    for key, value in placement_properties(whole).items():
+    copy_world_matrix(obj, source)
+    obj[COUNT_KEY] = scene_count(source)
+    for key, value in placement_properties(source).items():
         obj[key] = value
     with loading(obj.heritage):
-        obj.heritage.role, obj.heritage.project = "OBJECT", whole.heritage.project
+        obj.heritage.role, obj.heritage.project = "OBJECT", source.heritage.project
         obj.heritage.kind, obj.heritage.prompt, obj.heritage.score = "hand", "made by hand", 1.0
         obj.heritage.threshold = 0.5
     collection[ID_KEY] = ""

@@ -10,12 +10,14 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import FormatError, ObjectError
+from ..engine.errors import FormatError, HeritageError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
-from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties
+from .placement import RULER_KEY, apply_measurement, is_metric, placement_properties, scene_placement, shows_project
 from .project_history import remember_measurement
 from .properties import heritage_objects, project_of
+from .scene_file import whole_scene
+from .world_placement import drawn_matrix
 
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
 
@@ -50,7 +52,7 @@ def _stamp(file: Path) -> tuple[int, int]:
 
 
 def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
-    """Store `measurement` in the project of `scene`, and place its splats and cameras accordingly.
+    """Store `measurement` in the project of `scene`, and place it accordingly in all scenes of the file that show it.
 
     Raises
     ------
@@ -63,12 +65,23 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
     except FormatError:
         # A damaged file is replaced, and does not come back.
         before = Measurement()
+    # In every scene of the file: objects that stayed behind would show other lengths than those that are stored.
     save_measurement(project, measurement)
-    apply_measurement(scene, measurement)
-    remember_measurement(scene, before, measurement)
-    bpy.context.view_layer.update()
-    for ruler, length in rulers(scene):
-        ruler.name = length_text(scene, length)
+    done: list[bpy.types.Scene] = []
+    try:
+        for one in bpy.data.scenes:
+            apply_measurement(one, project, measurement)
+            done.append(one)
+    except HeritageError:
+        for one in done:
+            apply_measurement(one, project, before)
+        save_measurement(project, before)
+        raise
+    scenes = [one for one in bpy.data.scenes if shows_project(one, project)]
+    remember_measurement(scenes, before, measurement)
+    for one in scenes:
+        for ruler, length in rulers(one):
+            ruler.name = length_text(one, length)
 
 
 def scene_points(scene: bpy.types.Scene, points: Sequence[Float64]) -> list[Point]:
@@ -79,20 +92,28 @@ def scene_points(scene: bpy.types.Scene, points: Sequence[Float64]) -> list[Poin
     ObjectError
         When the whole scene was not imported, or is flattened.
     """
-    whole = next(iter(heritage_objects(scene, "SCENE")), None)
+    whole = whole_scene(scene, project_of(scene.heritage))
     if whole is None:
         raise ObjectError("The whole scene is not in this file. Open the project again.")
-    inverse = np.linalg.inv(placement_of(whole))
+    inverse = np.linalg.inv(scene_placement(whole))
     moved = [inverse[:3, :3] @ point + inverse[:3, 3] for point in points]
     return [(float(x), float(y), float(z)) for x, y, z in moved]
 
 
 def length_text(scene: bpy.types.Scene, length: float) -> str:
     """Return a length of Blender's world as text, in metres where the scale is known."""
-    whole = next(iter(heritage_objects(scene, "SCENE")), None)
-    if whole is None or not is_metric(whole):
+    if not any(is_metric(obj) for obj in _measured_splats(scene)):
         return f"{length:.4g} units"
     return f"{length:.3f} m" if length >= 1 else f"{length * 100:.1f} cm"
+
+
+def _measured_splats(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the splats that say what a length of `scene` is: those of its project, or all where it has none."""
+    splats = heritage_objects(scene)
+    if not scene.heritage.project:
+        return splats
+    project = project_of(scene.heritage)
+    return [obj for obj in splats if obj.heritage.project and project_of(obj.heritage) == project]
 
 
 def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.types.Object:
@@ -101,8 +122,8 @@ def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.ty
     mesh.from_pydata([(0.0, 0.0, 0.0), (second - first).tolist()], [(0, 1)], [])
     ruler = bpy.data.objects.new(length_text(scene, float(np.linalg.norm(second - first))), mesh)
     ruler[RULER_KEY] = True
-    for whole in heritage_objects(scene, "SCENE")[:1]:
-        for key, value in placement_properties(whole).items():
+    for obj in _measured_splats(scene)[:1]:
+        for key, value in placement_properties(obj).items():
             ruler[key] = value
     ruler.show_name = ruler.show_in_front = True
     ruler.display_type, ruler.hide_render = "WIRE", True
@@ -117,6 +138,7 @@ def rulers(scene: bpy.types.Scene) -> list[tuple[bpy.types.Object, float]]:
     found = []
     for obj in scene.objects:
         if obj.type == "MESH" and RULER_KEY in obj and len(obj.data.vertices) == 2:
-            first, second = (obj.matrix_world @ vertex.co for vertex in obj.data.vertices)
+            placement = drawn_matrix(obj)
+            first, second = (placement @ vertex.co for vertex in obj.data.vertices)
             found.append((obj, float((second - first).length)))
     return found

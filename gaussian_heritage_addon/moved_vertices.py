@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LinearMaps", "linear_maps", "mark_as_right", "moves_since"]
+__all__ = ["LinearMaps", "linear_maps", "main_map", "main_move", "mark_as_right", "moves_since"]
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -23,6 +23,8 @@ _ROUNDING = 64 * float(np.finfo(np.float32).eps)
 """Error of a position after Blender's transforms in float32, relative to its size."""
 _MIN_TOGETHER = 8
 """Fewest vertices whose own map is believed: four fit any map."""
+_SHIFT = 1e-5
+"""Largest difference from the identity of the linear part of a map that only shifts."""
 _SAMPLES = 200
 """Maps through four vertices that are tried to find vertices that moved together."""
 _WINDOW = 64
@@ -49,16 +51,12 @@ def mark_as_right(mesh: bpy.types.Mesh, made_as: int | None = None) -> None:
 
 def moves_since(mesh: bpy.types.Mesh) -> LinearMaps | None:
     """Return how the vertices moved since `mark_as_right`; None where nothing moved, or nothing was marked."""
-    right_at, number = mesh.attributes.get(_RIGHT_AT), mesh.attributes.get(_MADE_AS)
-    kinds = [None if one is None else (one.data_type, one.domain) for one in (right_at, number)]
-    if kinds != [("FLOAT_VECTOR", "POINT"), ("INT", "POINT")]:
+    marked = _marked(mesh)
+    if marked is None:
         return None
-    before, made_as = np.empty((len(mesh.vertices), 3), np.float32), np.empty(len(mesh.vertices), np.int32)
-    right_at.data.foreach_get("vector", before.ravel())
-    after = _positions(mesh)
+    (before, made_as), after = marked, _positions(mesh)
     if np.array_equal(before, after):
         return None
-    number.data.foreach_get("value", made_as)
     found: LinearMaps = []
     moved = (before != after).any(axis=1)
     # Vertices without a number came from a mesh without splats.
@@ -66,6 +64,51 @@ def moves_since(mesh: bpy.types.Mesh) -> LinearMaps | None:
         rows = np.flatnonzero(made_as == one)
         found += [(linear, rows[part]) for linear, part in linear_maps(before[rows], after[rows])]
     return found
+
+
+def _marked(mesh: bpy.types.Mesh) -> tuple[Float32, NDArray[np.int32]] | None:
+    """Return the positions [N, 3] for which the attributes are right, and the numbers [N]; None without marks."""
+    right_at, number = mesh.attributes.get(_RIGHT_AT), mesh.attributes.get(_MADE_AS)
+    kinds = [None if one is None else (one.data_type, one.domain) for one in (right_at, number)]
+    if kinds != [("FLOAT_VECTOR", "POINT"), ("INT", "POINT")]:
+        return None
+    before, made_as = np.empty((len(mesh.vertices), 3), np.float32), np.empty(len(mesh.vertices), np.int32)
+    right_at.data.foreach_get("vector", before.ravel())
+    number.data.foreach_get("value", made_as)
+    return before, made_as
+
+
+def main_move(mesh: bpy.types.Mesh, made_as: int) -> Float64:
+    """Return the map [4, 4] by which most of the vertices of one number moved since `mark_as_right`.
+
+    It is the identity where they did not move, or moved in no common way.
+    """
+    marked = _marked(mesh)
+    if marked is None:
+        return np.eye(4)
+    before, numbers = marked
+    rows = np.flatnonzero(numbers == made_as)
+    return main_map(before[rows], _positions(mesh)[rows])
+
+
+def main_map(earlier: NDArray[np.floating], later: NDArray[np.floating]) -> Float64:
+    """Return the map [4, 4] that took most of the positions `earlier` to those `later`, both of shape [N, 3].
+
+    It is the identity where no map explains several of them.
+    """
+    before: Float64 = np.asarray(earlier, np.float64)
+    after: Float64 = np.asarray(later, np.float64)
+    finite = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
+    before, after = before[finite], after[finite]
+    matrix = np.eye(4)
+    if not len(before) or np.array_equal(before, after):
+        return matrix
+    inside, fitted = _moved_together(before, after, np.random.default_rng(0))
+    if fitted is not None and len(inside) >= min(_MIN_TOGETHER, len(before)):
+        matrix[:3] = fitted
+    if np.abs(matrix[:3, :3] - np.eye(3)).max() <= _SHIFT:
+        matrix[:3, :3] = np.eye(3)
+    return matrix
 
 
 def _positions(mesh: bpy.types.Mesh) -> Float32:
@@ -166,4 +209,4 @@ def _placed(affine: Float64, points: Float64) -> Float64:
 
 
 def _is_shift(affine: Float64) -> bool:
-    return bool(np.abs(affine[:, :3] - np.eye(3)).max() <= 1e-5)
+    return bool(np.abs(affine[:, :3] - np.eye(3)).max() <= _SHIFT)

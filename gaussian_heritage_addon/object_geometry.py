@@ -5,12 +5,15 @@ Arrays are in the frame of the scene, Z up, in its units.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.scene import box_of, foot_of
+from ..engine.formats import transform_gaussians
+from ..engine.scene import Gaussians, box_of, foot_of
 
-__all__ = ["box_of", "foot_of", "near_object"]
+__all__ = ["box_of", "foot_of", "moved_gaussians", "near_object"]
 
 
 def near_object(means: NDArray[np.float32], is_member: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -30,3 +33,10 @@ def near_object(means: NDArray[np.float32], is_member: NDArray[np.bool_]) -> NDA
     size = high - low
     inside = ((means >= low - size) & (means <= high + size)).all(axis=1)
     return inside | is_member
+
+
+def moved_gaussians(gaussians: Gaussians, matrix: NDArray[np.floating]) -> Gaussians:
+    """Return the Gaussians moved by an affine map [4, 4]. Where it only shifts, the rest stays bit by bit."""
+    if not (matrix[:3, :3] == np.eye(3)).all():
+        return transform_gaussians(gaussians, matrix.astype(np.float64))
+    return replace(gaussians, means=(gaussians.means + matrix[:3, 3]).astype(np.float32))

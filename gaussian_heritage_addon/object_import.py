@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ..engine.files import path_within
 from ..engine.project_content import ProjectObject, load_level, load_membership, require_intact
 from ..engine.records import load_record, state_of
 from ..engine.scene import Gaussians, load_polished
-from .object_geometry import foot_of, near_object
+from .moved_vertices import main_map
+from .object_geometry import foot_of, moved_gaussians, near_object
 from .object_names import ID_KEY, give_name
 from .object_state import HeritageState
-from .placement import placement_properties
+from .placement import frame_of_whole, placement_properties
 from .properties import COUNT_KEY, HeritageObject, loading, scene_count
 from .splats import SplatScene
+from .world_placement import copy_world_matrix
 
-__all__ = ["add_object", "new_collection", "origin_in_scene", "update_object"]
+__all__ = ["add_object", "frame_in_project", "new_collection", "update_object"]
 
 _MIN_COPIED_MEMBERSHIP = 0.05
 """Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.
@@ -39,8 +39,8 @@ def new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collect
 def _object_gaussians(
     project: Path, item: ProjectObject, whole: bpy.types.Object
 ) -> tuple[Gaussians, NDArray[np.int32], NDArray[np.float32]]:
-    """Return the Gaussians of an object, their rows in the project's scene, and their memberships at its level."""
-    source, count = SplatScene.of(whole), scene_count(whole)
+    """Return the Gaussians of an object in the normalised world, their rows in the scene, and their memberships."""
+    source, count, frame = SplatScene.of(whole), scene_count(whole), frame_of_whole(whole)
     index = source.index(count)
     require_intact(project, item.id)
     membership = load_membership(project, item.id, count)
@@ -50,7 +50,7 @@ def _object_gaussians(
         highest_membership = np.max([membership, *levels], axis=0)
     # Gaussians added by hand (-1) belong to no object.
     kept = (index >= 0) & (highest_membership[index] >= min(_MIN_COPIED_MEMBERSHIP, item.threshold))
-    every = source.local_gaussians()
+    every = moved_gaussians(source.local_gaussians(), np.linalg.inv(frame))
     if item.kind != "background":
         is_member = np.zeros(len(index), bool)
         is_member[kept] = highest_membership[index[kept]] >= item.threshold
@@ -71,10 +71,16 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
     gaussians, index, membership = _object_gaussians(project, item, whole)
     members = gaussians.means[membership >= np.float32(item.threshold)]
     foot = foot_of(members) if len(members) and item.kind != "background" else np.zeros(3)
+    # Where the transform of the whole scene was applied, so it is for the object.
+    frame = frame_of_whole(whole)
+    shift = frame[:3, :3] @ foot + frame[:3, 3]
+    frame[:3, 3] -= shift
     collection = new_collection(scene.collection, item.name)
-    splats = SplatScene.create(item.name, _moved(gaussians, -foot), collection, index=index, membership=membership)
+    splats = SplatScene.create(
+        item.name, moved_gaussians(gaussians, frame), collection, index=index, membership=membership, frame=frame
+    )
     obj = splats.object
-    obj.matrix_world = whole.matrix_world @ Matrix.Translation(foot)
+    copy_world_matrix(obj, whole, shift)
     for key, value in placement_properties(whole).items():
         obj[key] = value
     properties: HeritageObject = obj.heritage
@@ -104,7 +110,8 @@ def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, who
     splats = SplatScene.of(obj)
     gaussians, index, membership = _object_gaussians(project, item, whole)
     # Where the user has put the object, the Gaussians keep their place relative to its origin.
-    splats.replace(_moved(gaussians, -origin_in_scene(splats, whole)), index=index, membership=membership)
+    frame = frame_in_project(splats, whole)
+    splats.replace(moved_gaussians(gaussians, frame), index=index, membership=membership)
     state: HeritageState = obj.heritage_state
     if state.object_name == state.stored_name != item.name:
         give_name(obj, item.name)
@@ -139,16 +146,15 @@ def _write_object_properties(
             collection["heritage_score"] = item.score
 
 
-def _moved(gaussians: Gaussians, by: NDArray[np.float64]) -> Gaussians:
-    return replace(gaussians, means=(gaussians.means + by).astype(np.float32))
+def frame_in_project(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.float64]:
+    """Return the matrix [4, 4] from the normalised world of the project to the frame of an isolated object.
 
-
-def origin_in_scene(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.float64]:
-    """Return the origin of an object in the frame of the scene.
-
-    Found from its Gaussians, as objects of older files have the origin of the scene, and *Object > Set Origin* moves
-    it. The median, because single Gaussians may be polished or moved by hand.
+    In files of older versions it is found from the Gaussians that the object and the scene share: *Object > Set Origin*
+    and *Apply* changed it, and the origin of older objects is that of the scene.
     """
+    frame = splats.frame
+    if frame is not None:
+        return frame
     scene = SplatScene.of(whole)
     count = scene_count(whole)
     rows, scene_rows = splats.index(count), scene.index(count)
@@ -157,6 +163,10 @@ def origin_in_scene(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.f
     known = np.flatnonzero(rows >= 0)
     known = known[places[rows[known]] >= 0]
     if not len(known):
-        return np.zeros(3)
-    differences = scene.local_gaussians().means[places[rows[known]]] - splats.local_gaussians().means[known]
-    return np.median(differences.astype(np.float64), axis=0)
+        return frame_of_whole(whole)
+    there, here = scene.local_gaussians().means[places[rows[known]]], splats.local_gaussians().means[known]
+    moved = main_map(there, here)
+    if np.array_equal(moved, np.eye(4)):
+        # Polished Gaussians stand a little beside those of the scene, each in another direction.
+        moved[:3, 3] = np.median(here.astype(np.float64) - there, axis=0)
+    return moved @ frame_of_whole(whole)

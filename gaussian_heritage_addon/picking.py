@@ -35,7 +35,7 @@ class View:
     window_from_world : array of shape [4, 4], float64
         Blender's ``RegionView3D.perspective_matrix``: homogeneous, -1 to 1 across the region, Y up.
     world_from_camera : array of shape [4, 4], float64
-        ``matrix_world`` of the Blender camera.
+        Placement of the Blender camera.
     """
 
     width: int
@@ -83,7 +83,7 @@ def require_aligned(camera: Camera, world_from_camera: Float64, world_from_scene
     camera : Camera
         Camera of the photo.
     world_from_camera, world_from_scene : array of shape [4, 4], float64
-        ``matrix_world`` of the Blender camera and of the splats of the whole scene. Moving both together is allowed.
+        Placements of the Blender camera and of the splats of the whole scene. Moving both together is allowed.
 
     Raises
     ------

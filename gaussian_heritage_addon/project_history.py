@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -46,13 +46,14 @@ _measured: dict[tuple[Path, str], Measurement] = {}
 _n_objects = 0
 
 
-def remember_measurement(scene: bpy.types.Scene, before: Measurement, after: Measurement) -> None:
-    """Remember that the measurement `before` of the project of `scene` was replaced by `after`."""
-    project, mark, former = project_of(scene.heritage), uuid.uuid4().hex, _mark_of(scene)
-    _measured[project, former], _measured[project, mark] = before, after
-    scene[_MARK_KEY] = mark
-    place = (project, scene.name, "measurement")
-    _history.remember(place, former, mark)
+def remember_measurement(scenes: Sequence[bpy.types.Scene], before: Measurement, after: Measurement) -> None:
+    """Remember that the measurement `before` of the project that `scenes` show was replaced by `after`."""
+    mark = uuid.uuid4().hex
+    for scene in scenes:
+        project, former = project_of(scene.heritage), _mark_of(scene)
+        _measured[project, former], _measured[project, mark] = before, after
+        scene[_MARK_KEY] = mark
+        _history.remember((project, scene.name, "measurement"), former, mark)
 
 
 def remember_objects(project: Path, before: dict[str, str | None], after: Iterable[str]) -> None:

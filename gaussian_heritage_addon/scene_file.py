@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import bpy
+import numpy as np
 from mathutils import Matrix
+from numpy.typing import NDArray
 
 from ..engine.errors import FormatError
 from ..engine.files import path_within
@@ -17,9 +19,10 @@ from ..engine.records import scene_title
 from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .display_settings import apply_display, choose_display
+from .object_geometry import moved_gaussians
 from .object_import import add_object, new_collection, update_object
 from .object_state import add_known, mark_copies, owners
-from .placement import apply_measurement, placement_properties
+from .placement import apply_measurement, frame_of_whole, placement_properties
 from .properties import (
     COUNT_KEY,
     active_object,
@@ -35,6 +38,7 @@ from .sog_pictures import decode_picture
 from .splat_view import is_software
 from .splats import SplatScene
 from .stored_file import keep_file
+from .world_placement import set_world_matrix, world_matrix
 
 __all__ = [
     "add_objects",
@@ -46,10 +50,13 @@ __all__ = [
 ]
 
 
-def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
-    """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`."""
+def add_splat_file(
+    scene: bpy.types.Scene, file: Path, name: str, frame: NDArray[np.float64] | None = None
+) -> SplatScene:
+    """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`, whose mesh has `frame`."""
     gaussians = read_ply(file)
-    splats = SplatScene.create(name, gaussians, scene.collection)
+    moved = gaussians if frame is None else moved_gaussians(gaussians, frame)
+    splats = SplatScene.create(name, moved, scene.collection, frame=frame)
     _show(scene, splats, len(gaussians))
     return splats
 
@@ -100,7 +107,7 @@ def add_other_file(
     up = up or content.up or ("z" if content.is_ours else "-y")
     splats = SplatScene.create(name, content.gaussians, scene.collection)
     upright = Matrix(file_from_z_up(up).T.tolist())
-    splats.object.matrix_world = upright @ Matrix.Translation(content.origin)
+    set_world_matrix(splats.object, np.array(upright @ Matrix.Translation(content.origin)))
     keep_file(splats.object, content, up)
     _show(scene, splats, len(content.gaussians))
     if tell is not None:
@@ -146,7 +153,8 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
     measurement = load_measurement(project) if has_cameras else Measurement()
     earlier = whole_scene(scene, project)
-    placement = None if earlier is None else earlier.matrix_world.copy()
+    placement = None if earlier is None else world_matrix(earlier)
+    frame = frame_of_whole(earlier) if SplatScene.is_splats(earlier) else None
     measured = {} if earlier is None else placement_properties(earlier)
     if earlier is not None:
         # The scene may have been trained again. Its placement is the user's choice.
@@ -157,10 +165,10 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         # With splats in the scene, the setting is the user's choice. With other objects, splats blend as these do.
         scene.heritage.blending = "TRAINED"
     name = scene_name(project)
-    splats = add_splat_file(scene, file, name)
+    splats = add_splat_file(scene, file, name, frame)
     splats.object.heritage.project = str(project)
     if placement is not None:
-        splats.object.matrix_world = placement
+        set_world_matrix(splats.object, placement)
         for key, value in measured.items():
             splats.object[key] = value
     scene.heritage.project = str(project)
@@ -180,7 +188,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     added = add_objects(scene, project, [item.id for item in objects if item.id not in kept])
     if added and active_object(scene) is None:
         set_active_object(scene, added[0].object)
-    apply_measurement(scene, measurement)
+    apply_measurement(scene, project, measurement)
     return splats
 
 

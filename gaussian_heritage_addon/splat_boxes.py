@@ -15,6 +15,7 @@ from ..engine.scene import box_of
 from .guards import Timer
 from .solid_mode import redraw_viewports
 from .splats import SplatScene
+from .world_placement import drawn_matrix, world_matrix
 
 __all__ = ["Box", "draw_boxes", "flash", "frame", "is_flashing", "shown_box"]
 
@@ -51,7 +52,7 @@ def draw_boxes(context: bpy.types.Context, boxes: dict[str, Box | None]) -> None
             continue
         is_active = obj == context.view_layer.objects.active
         color = theme.object_active if is_active else theme.object_selected
-        _draw_lines(obj.matrix_world, _corners(box), _FLASH_COLOR if blinks else (*color, 1.0))
+        _draw_lines(drawn_matrix(obj), _corners(box), _FLASH_COLOR if blinks else (*color, 1.0))
 
 
 def _corners(box: Box) -> list[Vector]:
@@ -100,13 +101,14 @@ def frame(region: bpy.types.RegionView3D, objects: list[bpy.types.Object], camer
     for obj in objects:
         box = shown_box(obj)
         if box is not None:
-            corners += [obj.matrix_world @ corner for corner in _corners(box)]
+            placement = Matrix(world_matrix(obj).tolist())
+            corners += [placement @ corner for corner in _corners(box)]
     if not corners:
         return
     low = Vector(map(min, zip(*corners, strict=True)))
     high = Vector(map(max, zip(*corners, strict=True)))
     if region.view_perspective == "CAMERA" and camera is not None:
-        region.view_rotation = camera.matrix_world.to_quaternion()
+        region.view_rotation = Matrix(world_matrix(camera).tolist()).to_quaternion()
         region.view_perspective = "PERSP"
     region.view_location = (low + high) / 2
     region.view_distance = max(_FRAME_DISTANCE * (high - low).length / 2, 1e-3)

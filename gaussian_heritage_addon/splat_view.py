@@ -35,6 +35,7 @@ from .splat_order import View, draw_order
 from .splat_shader import copy_shader, splat_shader
 from .splat_tables import Part, Tables, checksum, list_texture
 from .splats import SplatScene
+from .world_placement import drawn_matrix
 
 __all__ = ["Detail", "draw_to", "is_software", "register", "tables_of", "unregister"]
 
@@ -186,7 +187,7 @@ def _draw() -> None:
     picture = _state.pictures.get(region.as_pointer()) or _Picture()
     # The user turns the view, moves an object or drags its threshold.
     placed = tuple(map(tuple, (*view.view_matrix, *view.window_matrix))), region.width, region.height
-    seen = placed, tuple((obj.heritage.threshold, tuple(map(tuple, obj.matrix_world))) for obj in objects)
+    seen = placed, tuple((obj.heritage.threshold, tuple(map(tuple, drawn_matrix(obj)))) for obj in objects)
     now = time.monotonic()
     if picture.seen not in (None, seen):
         picture.moved = now
@@ -290,7 +291,7 @@ def draw_to(
     is_perspective = window[3][3] == 0.0
     column = 2 if is_perspective else 3
     view = View((window[0][0], window[1][1]), (window[0][column], window[1][column]), is_perspective)
-    placements = [view_matrix @ obj.matrix_world for obj in objects]
+    placements = [view_matrix @ drawn_matrix(obj) for obj in objects]
     order = _order(tables, objects, placements, view, detail.share)
     rows = np.zeros((len(objects), 4, 4), np.float32)
     for number, placement in enumerate(placements):

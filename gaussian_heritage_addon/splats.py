@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from ..engine.errors import ObjectError
 from ..engine.formats import logits_of, transform_gaussians
 from ..engine.scene import Gaussians
+from .mesh_frame import follow_frame, frame_of_mesh, keep_frame
 from .moved_vertices import mark_as_right, moves_since
 from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import ANTIALIASED, ANTIALIASED_KEY, add_display, set_display_input
 from .stored_file import StoredFile, forget_lost_digits, stored_file, unit_quats, with_stored_values
+from .world_placement import world_matrix
 
 __all__ = ["SplatScene"]
 
@@ -56,6 +58,7 @@ class SplatScene:
         *,
         index: NDArray[np.integer] | None = None,
         membership: Float32 | None = None,
+        frame: NDArray[np.float64] | None = None,
     ) -> SplatScene:
         """Create an object with `gaussians` in `collection`.
 
@@ -70,9 +73,12 @@ class SplatScene:
             Row of each Gaussian in the project's scene; 0 to N-1 by default.
         membership : array of shape [N], float32, optional
             Membership of each Gaussian in the object, compared with the threshold.
+        frame : array of shape [4, 4], float64, optional
+            Matrix from the normalised world of the project to the frame of the object; the identity by default.
         """
         mesh = bpy.data.meshes.new(name)
-        _fill(mesh, gaussians, np.arange(len(gaussians)) if index is None else index, membership)
+        number = _fill(mesh, gaussians, np.arange(len(gaussians)) if index is None else index, membership)
+        keep_frame(mesh, np.eye(4) if frame is None else frame, number)
         obj = bpy.data.objects.new(name, mesh)
         collection.objects.link(obj)
         add_display(obj, gaussians.sh_degree)
@@ -103,7 +109,7 @@ class SplatScene:
         return all(name in obj.data.attributes for name in ("rotation", "scale", "radiance:base"))
 
     def replace(self, gaussians: Gaussians, *, index: NDArray[np.integer], membership: Float32) -> None:
-        """Replace the Gaussians. The object keeps its placement, collections and display.
+        """Replace the Gaussians. The object keeps its placement, frame, collections and display.
 
         Parameters
         ----------
@@ -118,8 +124,11 @@ class SplatScene:
             When the object is in Edit Mode, in which its mesh cannot be changed.
         """
         mesh = self._editable_mesh()
+        frame = frame_of_mesh(mesh)
         mesh.clear_geometry()
-        _fill(mesh, gaussians, index, membership)
+        number = _fill(mesh, gaussians, index, membership)
+        if frame is not None:
+            keep_frame(mesh, frame, number)
 
     def set_membership(self, membership: Float32) -> None:
         """Set the membership of each Gaussian, shape [N]. Those below the threshold are not drawn.
@@ -220,6 +229,7 @@ class SplatScene:
             if "heritage_made_as" not in mesh.attributes:
                 mark_as_right(mesh, _new_number())
             return False
+        follow_frame(mesh)
         if moves:
             gaussians = self.local_gaussians()
             rows = np.concatenate([rows for _, rows in moves])
@@ -231,6 +241,15 @@ class SplatScene:
         mark_as_right(mesh)
         mesh.update_tag()
         return bool(moves)
+
+    @property
+    def frame(self) -> NDArray[np.float64] | None:
+        """Matrix [4, 4] from the normalised world of the project to the frame of the object.
+
+        It is None for what a file of an older version holds.
+        """
+        with self._readable_mesh() as mesh:
+            return frame_of_mesh(mesh)
 
     @property
     def is_antialiased(self) -> bool:
@@ -280,7 +299,7 @@ class SplatScene:
         membership = self.membership
         if threshold is not None and membership is not None:
             gaussians = gaussians[membership >= np.float32(threshold)]
-        return transform_gaussians(gaussians, np.array(self.object.matrix_world, dtype=np.float64))
+        return transform_gaussians(gaussians, world_matrix(self.object))
 
     @contextlib.contextmanager
     def _readable_mesh(self) -> Iterator[bpy.types.Mesh]:
@@ -297,8 +316,8 @@ class SplatScene:
             bpy.data.meshes.remove(copy)
 
 
-def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer], membership: Float32 | None) -> None:
-    """Write Gaussians into an empty mesh."""
+def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer], membership: Float32 | None) -> int:
+    """Write Gaussians into an empty mesh, and return the number that marks its vertices."""
     mesh.vertices.add(len(gaussians))
     if len(gaussians):  # a mesh without vertices has no positions
         mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
@@ -311,9 +330,11 @@ def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer]
     mesh.attributes.new("gaussian_index", "INT", "POINT").data.foreach_set("value", index.astype(np.int32))
     if membership is not None:
         mesh.attributes.new("membership", "FLOAT", "POINT").data.foreach_set("value", _flat(membership))
-    mark_as_right(mesh, _new_number())
+    number = _new_number()
+    mark_as_right(mesh, number)
     # The display computes the attribute; the mode Solid draws the one that has this name.
     mesh.attributes.active_color_name = COLOR_ATTRIBUTE
+    return number
 
 
 def _new_number() -> int:

@@ -15,11 +15,14 @@ from ..engine.jobs import Click
 from ..engine.project_content import photo_camera
 from ..engine.rasterizer.settings import ALPHA_MIN
 from ..engine.scene import Camera, PinholeCamera, RayCaster, photo_pixels, photo_ray, read_camera_set
+from .object_geometry import moved_gaussians
 from .picking import FLIP
-from .placement import placement_of
+from .placement import frame_of_whole, scene_placement
 from .properties import heritage_objects, project_of, scene_count
+from .scene_file import whole_scene
 from .sight import Seen, Sight, SplatLayer, seen_on_ray
 from .splats import SplatScene
+from .world_placement import world_matrix
 
 __all__ = [
     "PhotoSight",
@@ -48,7 +51,7 @@ class PhotoSight:
     camera : Camera
         With its lens distortion. Positions are pixels of the photo, from its upper left corner.
     world_from_scene : array of shape [4, 4], float64
-        ``matrix_world`` of the whole scene, which can be inverted.
+        Placement of the whole scene, which can be inverted.
     """
 
     camera: Camera
@@ -77,12 +80,12 @@ def sight_of_viewport(region: bpy.types.Region, view: bpy.types.RegionView3D) ->
 def viewport_camera(context: bpy.types.Context) -> PinholeCamera | None:
     """Return where the user looks from, in the normalised world; None without a 3D viewport or without the scene."""
     area = context.area
-    whole = next(iter(heritage_objects(context.scene, "SCENE")), None)
+    whole = whole_scene(context.scene, project_of(context.scene.heritage))
     if area is None or area.type != "VIEW_3D" or whole is None:
         return None
     region = next(one for one in area.regions if one.type == "WINDOW")
     view = area.spaces.active.region_3d
-    viewmat = FLIP @ np.array(view.view_matrix, np.float64) @ _placement(whole)
+    viewmat = FLIP @ np.array(view.view_matrix, np.float64) @ world_matrix(whole) @ frame_of_whole(whole)
     size = np.cbrt(abs(np.linalg.det(viewmat[:3, :3])))
     if not (np.isfinite(size) and size > 0):
         return None
@@ -104,18 +107,14 @@ def sight_of_photo(scene: bpy.types.Scene, photo: str) -> PhotoSight:
     HeritageError
         When there is no such photo, or the scene was not imported, or is flattened.
     """
-    return PhotoSight(photo_camera(project_of(scene.heritage), photo), placement_of(_whole(scene)))
+    return PhotoSight(photo_camera(project_of(scene.heritage), photo), scene_placement(_whole(scene)))
 
 
 def _whole(scene: bpy.types.Scene) -> bpy.types.Object:
-    whole = next(iter(heritage_objects(scene, "SCENE")), None)
+    whole = whole_scene(scene, project_of(scene.heritage))
     if whole is None:
         raise ObjectError("The whole scene is not in this file. Open the project again.")
     return whole
-
-
-def _placement(obj: bpy.types.Object) -> Float64:
-    return np.array(obj.matrix_world, np.float64)
 
 
 @dataclass(frozen=True)
@@ -169,7 +168,7 @@ def _layer(obj: bpy.types.Object, isolated: Sequence[bpy.types.Object], names: S
     else:
         labels = _labels_of_scene(obj, splats, isolated, names)
     vertices = np.flatnonzero(shown)
-    return SplatLayer(obj.name, RayCaster(gaussians[vertices]), _placement(obj), labels[vertices], vertices)
+    return SplatLayer(obj.name, RayCaster(gaussians[vertices]), world_matrix(obj), labels[vertices], vertices)
 
 
 def _labels_of_scene(
@@ -213,9 +212,8 @@ def photo_of_point(scene: bpy.types.Scene, cameras: Sequence[Camera], point: Flo
         When the whole scene was not imported, or is flattened.
     """
     whole = _whole(scene)
-    placement = placement_of(whole)
-    caster = RayCaster(SplatScene.of(whole).local_gaussians())
-    inverse = np.linalg.inv(placement)
+    inverse = np.linalg.inv(scene_placement(whole))
+    caster = RayCaster(moved_gaussians(SplatScene.of(whole).local_gaussians(), np.linalg.inv(frame_of_whole(whole))))
     local, look = inverse[:3, :3] @ point + inverse[:3, 3], inverse[:3, :3] @ direction
     look /= np.linalg.norm(look)
 

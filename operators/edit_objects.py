@@ -138,13 +138,12 @@ class HERITAGE_OT_split_object(_ObjectOperator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Split."""
-        source, vertices, rows = _selection(context)
-        whole = source if source.heritage.role == "SCENE" else whole_of(source, context.scene)
+        source, vertices, _ = _selection(context)
         with object_mode():
             if source.heritage.role == "OBJECT":
                 take_vertices(source, vertices)
             title = source.name if source.heritage.role == "OBJECT" else "object"
-            splats = new_object(context.scene, self.name.strip() or title, rows, whole)
+            splats = new_object(context.scene, self.name.strip() or title, vertices, source)
             _finish_new(context, splats)
         self.report({"INFO"}, f"{splats.name} has {len(vertices):,} Gaussians.")
         return {"FINISHED"}

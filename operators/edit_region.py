@@ -18,6 +18,7 @@ from ..gaussian_heritage_addon.region_selection import View, in_region
 from ..gaussian_heritage_addon.splats import SplatScene
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from ..gaussian_heritage_addon.visible_splats import sight_of_photo, sight_of_viewport
+from ..gaussian_heritage_addon.world_placement import world_matrix
 from .needing_project import is_project_open
 from .path_drawing import PathOperator
 
@@ -121,7 +122,7 @@ def _shown(obj: bpy.types.Object) -> NDArray[np.intp]:
 def _world(obj: bpy.types.Object, vertices: NDArray[np.intp] | None) -> Any:
     gaussians = SplatScene.of(obj).local_gaussians()
     gaussians = gaussians if vertices is None else gaussians[vertices]
-    return transform_gaussians(gaussians, np.array(obj.matrix_world, np.float64))
+    return transform_gaussians(gaussians, world_matrix(obj))
 
 
 CLASSES = [HERITAGE_OT_edit_region]

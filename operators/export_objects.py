@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +11,47 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.export import FORMATS, ExportOptions, export_splats, export_together
+from ..gaussian_heritage_addon.export import (
+    FORMATS,
+    ExportOptions,
+    choose_objects,
+    clean_name,
+    export_formats,
+    export_splats,
+    export_together,
+)
+from ..gaussian_heritage_addon.layouts import draw_text
 from ..gaussian_heritage_addon.properties import heritage_objects
 from ..gaussian_heritage_addon.splats import SplatScene
+from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
+
+_MAX_NAMES = 12
+"""Names of objects that are shown."""
+_FORMATS = [
+    (
+        "GLB",
+        "GLB",
+        "Recommended: binary glTF with KHR_gaussian_splatting and the record, upright in every program",
+        "",
+        0,
+    ),
+    ("PLY", "PLY", "Standard file of 3D Gaussian splatting, -Y up as its viewers expect", "", 1),
+    ("SPZ", "SPZ", "Compressed to a sixth of the size, with some loss and without a record", "", 2),
+    ("SOG", "SOG", "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect", "", 3),
+    ("USD", "USD", "OpenUSD 26.03 or newer, ParticleField3DGaussianSplat, Z up", "", 4),
+]
+_FORMATS_WITHOUT_USD = _FORMATS[:-1]
+
+
+def _format_items(
+    operator: bpy.types.Operator, context: bpy.types.Context | None
+) -> list[tuple[str, str, str, str, int]]:
+    """Return the formats that can be written. Blender needs lists that live as long as it shows them."""
+    return _FORMATS if "usd" in export_formats() else _FORMATS_WITHOUT_USD
+
 
 _WITH_RECORD = BoolProperty(
     name="Record",
@@ -41,33 +77,25 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
     directory: Annotated[
         str, StringProperty(name="Folder", description="Folder for the exported files", subtype="DIR_PATH")
     ]
-    format: Annotated[
-        str,
-        EnumProperty(
-            name="Format",
-            items=[
-                ("PLY", "PLY", "Standard file of 3D Gaussian splatting, -Y up as its viewers expect"),
-                ("GLB", "glTF", "Binary glTF with KHR_gaussian_splatting, Y up"),
-                ("SPZ", "SPZ", "Compressed to a sixth of the size, with some loss and without a record"),
-                (
-                    "SOG",
-                    "SOG",
-                    "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect",
-                ),
-                ("USD", "USD", "OpenUSD 26.03 or newer, ParticleField3DGaussianSplat, Z up"),
-            ],
-        ),
-    ]
+    format: Annotated[str, EnumProperty(name="Format", description="Format of the files", items=_format_items)]
     scope: Annotated[
         str,
         EnumProperty(
             name="Objects",
             items=[
-                ("ALL", "All", "All isolated objects"),
+                ("ALL", "All", "All isolated objects that are shown, without the background"),
                 ("SELECTED", "Selected", "Selected splats, including whole scenes"),
                 ("SCENE", "Scene", "The whole scene"),
             ],
         ),
+    ]
+    with_hidden: Annotated[
+        bool,
+        BoolProperty(name="Hidden Objects", description="With All: include the objects whose eye is closed"),
+    ]
+    with_background: Annotated[
+        bool,
+        BoolProperty(name="Background", description="With All: include the background, which surrounds the objects"),
     ]
     origin: Annotated[
         str,
@@ -89,22 +117,63 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the options, and which objects they mean."""
+        layout = self.layout
+        for name in ("format", "scope"):
+            layout.prop(self, name)
+        if self.scope == "ALL":
+            layout.prop(self, "with_hidden")
+            layout.prop(self, "with_background")
+        box = layout.box()
+        objects, left_out = self._chosen(context)
+        draw_text(box, _said("Objects: {}, {}", objects), icon="EXPORT")
+        if left_out:
+            draw_text(box, _said("Left out: {}, {}", left_out), icon="HIDE_ON")
+        for name in ("origin", "with_record", "with_far", "overwrite"):
+            layout.prop(self, name)
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the files."""
+        objects, left_out = self._chosen(context)
+        if left_out and not objects:
+            raise ObjectError(
+                f"All {len(left_out)} objects are hidden, so nothing is exported. Open their eyes in the list, or "
+                "choose Hidden Objects."
+            )
         files = export_splats(
-            self._objects(context),
+            objects,
             Path(bpy.path.abspath(self.directory)),
             self.format.lower(),
             ExportOptions(self.with_record, self.with_far, self.origin == "OBJECT"),
             overwrite=self.overwrite,
         )
-        self.report({"INFO"}, f"Wrote {', '.join(file.name for file in files)}.")
+        told = f"Wrote {len(files)} {'file' if len(files) == 1 else 'files'}: {', '.join(file.name for file in files)}."
+        if left_out:
+            told += f" Left out: {', '.join(map(_with_reason, left_out))}."
+        self.report({"INFO"}, told)
         return {"FINISHED"}
 
-    def _objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+    def _chosen(self, context: bpy.types.Context) -> tuple[list[bpy.types.Object], list[tuple[bpy.types.Object, str]]]:
+        """Return the objects to export, and those that are left out with the reason."""
         if self.scope == "SELECTED":
-            return [obj for obj in context.scene.objects if obj.select_get() and SplatScene.is_splats(obj)]
-        return heritage_objects(context.scene, {"ALL": "OBJECT", "SCENE": "SCENE"}[self.scope])
+            return [obj for obj in context.scene.objects if obj.select_get() and SplatScene.is_splats(obj)], []
+        if self.scope == "SCENE":
+            return heritage_objects(context.scene, "SCENE"), []
+        choice = choose_objects(context.scene, with_hidden=self.with_hidden, with_background=self.with_background)
+        return list(choice.objects), list(choice.left_out)
+
+
+def _said(text: str, objects: Sequence[bpy.types.Object | tuple[bpy.types.Object, str]]) -> str:
+    """Return a text with the number of objects, and the names of the first of them."""
+    names = [_with_reason(one) if isinstance(one, tuple) else clean_name(one) for one in objects[:_MAX_NAMES]]
+    more = [translated("... and {} more", len(objects) - _MAX_NAMES)] if len(objects) > _MAX_NAMES else []
+    return translated(text, len(objects), ", ".join([*names, *more]))
+
+
+def _with_reason(left_out: tuple[bpy.types.Object, str]) -> str:
+    obj, reason = left_out
+    return f"{clean_name(obj)} ({translated(reason)})"
 
 
 @blender_properties
@@ -115,7 +184,7 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
     bl_label = "Export Gaussian Splats"
     bl_options = {"PRESET"}
 
-    filename_ext = ".ply"
+    filename_ext = ".glb"
     filter_glob: Annotated[str, StringProperty(default=";".join(f"*.{name}" for name in FORMATS), options={"HIDDEN"})]
     # The name that Blender gives to the collection whose exporter this is.
     collection: Annotated[str, StringProperty(name="Collection", options={"HIDDEN"})]
@@ -129,7 +198,7 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the file."""
         file = Path(bpy.path.abspath(self.filepath))
-        file = file if file.suffix else file.with_suffix(".ply")
+        file = file if file.suffix else file.with_suffix(".glb")
         objects = self._objects(context)
         export_together(objects, file, ExportOptions(self.with_record, self.with_far))
         self.report({"INFO"}, f"Wrote {len(objects)} objects to {file.name}.")
@@ -151,7 +220,7 @@ class HERITAGE_FH_export_splats(bpy.types.FileHandler):
     bl_idname = "HERITAGE_FH_export_splats"
     bl_label = "Gaussian Splats"
     bl_export_operator = "heritage.export_splats"
-    bl_file_extensions = ".ply;.glb;.spz;.sog;.usd"
+    bl_file_extensions = ".glb;.ply;.spz;.sog;.usd"
 
 
 CLASSES = [HERITAGE_OT_export_objects, HERITAGE_OT_export_splats, HERITAGE_FH_export_splats]

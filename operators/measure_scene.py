@@ -23,6 +23,7 @@ from ..gaussian_heritage_addon.measuring import (
 from ..gaussian_heritage_addon.properties import HeritageClick, heritage_objects, project_of
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from ..gaussian_heritage_addon.visible_splats import SplatsInView, sight_of_photo
+from ..gaussian_heritage_addon.world_placement import world_matrix
 from .needing_project import is_project_open
 from .view_clicking import ViewClickOperator
 
@@ -172,7 +173,7 @@ class HERITAGE_OT_ground_from_plane(bpy.types.Operator):
         obj, scene = context.view_layer.objects.active, context.scene
         if obj is None or obj.heritage.role != "NONE":
             raise ObjectError("Select a plane or an empty that lies on the ground, not the splats.")
-        matrix = np.array(obj.matrix_world, np.float64)
+        matrix = world_matrix(obj)
         corners = [matrix[:3, 3], matrix[:3, 3] + matrix[:3, 0], matrix[:3, 3] + matrix[:3, 1]]
         before = current_measurement(project_of(scene.heritage))
         measure(scene, replace(before, ground=tuple(scene_points(scene, corners))))

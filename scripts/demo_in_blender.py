@@ -61,7 +61,14 @@ def _export(folder: Path) -> list[Path]:
     has_objects = any(obj.heritage.role == "OBJECT" for obj in bpy.context.scene.objects)
     for scope in ("SCENE", "ALL") if has_objects else ("SCENE",):
         for file_format in ("PLY", "GLB"):
-            bpy.ops.heritage.export_objects(directory=str(folder), format=file_format, scope=scope, overwrite=True)
+            bpy.ops.heritage.export_objects(
+                directory=str(folder),
+                format=file_format,
+                scope=scope,
+                with_hidden=True,
+                with_background=True,
+                overwrite=True,
+            )
     return sorted(folder.iterdir())
 
 

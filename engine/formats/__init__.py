@@ -15,7 +15,8 @@ from .spherical_harmonics import SH_C0
 from .splat import read_splat
 from .spz import read_spz, write_spz
 from .transform import logits_of, rotations_from_quats, transform_gaussians
-from .usd import write_usd
+from .usd import has_openusd, write_usd
+from .usd_elsewhere import write_usd_elsewhere
 from .usd_reading import read_usd
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "PlyFile",
     "Up",
     "file_from_z_up",
+    "has_openusd",
     "kind_of",
     "logits_of",
     "moved_far",
@@ -46,4 +48,5 @@ __all__ = [
     "write_sog",
     "write_spz",
     "write_usd",
+    "write_usd_elsewhere",
 ]

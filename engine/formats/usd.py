@@ -9,6 +9,7 @@ Blender brings its own.
 
 from __future__ import annotations
 
+import functools
 import os
 import tempfile
 from collections.abc import Mapping
@@ -28,9 +29,10 @@ from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .transform import transform_gaussians
 
-__all__ = ["PRIM_TYPE", "require_openusd", "write_usd"]
+__all__ = ["PRIM_TYPE", "has_openusd", "require_openusd", "write_usd"]
 
 PRIM_TYPE = "ParticleField3DGaussianSplat"
+_UNKNOWN_UNIT = "The unit of this file is unknown. metersPerUnit is 1 so that its numbers are shown as they are."
 _MAX_COUNT = 20_000_000
 """Gaussians of a file: the arrays of OpenUSD are copies, and more than these need more memory than computers have."""
 
@@ -55,7 +57,8 @@ def write_usd(
     name : str
         Display name of the prim.
     metres_per_unit : float, optional
-        Metres of a unit; None: unknown, which the stage says in ``customLayerData``.
+        Metres of a unit; None: unknown, which the stage says in its documentation and in ``customLayerData``. It states
+        1 then: for USD's own default, 0.01, other programs show the Gaussians 100 times too small.
     custom_data : mapping, optional
         Text, numbers and nested mappings for ``customLayerData``, e.g. the museum record.
     matrix : array of shape [4, 4], float64, optional
@@ -85,8 +88,9 @@ def write_usd(
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
     stage = Usd.Stage.Open(layer)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    if metres_per_unit is not None:
-        UsdGeom.SetStageMetersPerUnit(stage, metres_per_unit)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0 if metres_per_unit is None else metres_per_unit)
+    if metres_per_unit is None:
+        layer.documentation = _UNKNOWN_UNIT
     unit = {} if metres_per_unit is not None else {"unit": "unknown"}
     mode = {RENDER_MODE_KEY: RENDER_MODE[True]} if gaussians.antialiased else {}
     layer.customLayerData = {"generator": f"Gaussian Heritage {__version__}", **unit, **mode, **(custom_data or {})}
@@ -116,6 +120,16 @@ def write_usd(
         primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("photosSeen", Sdf.ValueTypeNames.IntArray, "vertex")
         primvar.Set(Vt.IntArray.FromNumpy(seen.astype(np.int32)))
     _save(layer, path)
+
+
+@functools.cache
+def has_openusd() -> bool:
+    """Return whether this Python has an OpenUSD that knows the type of prim."""
+    try:
+        require_openusd("")
+    except EnvironmentProblem:
+        return False
+    return True
 
 
 def require_openusd(otherwise: str) -> None:

@@ -163,7 +163,7 @@ def test_region_adds_the_surface_and_takes_through_and_the_scene_stays(
     bpy.ops.heritage.edit_region(action="TAKE", path=triangle)
     assert rows_of(part, "Right") < left
     assert np.array_equal(before, [vertex.co[:] for vertex in whole.data.vertices])
-    bpy.ops.heritage.export_objects(directory=str(tmp_path))
+    bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY")
     exported = part("engine.formats").read_ply(tmp_path / "Left.ply")
     rows = sorted(rows_of(part, "Left"))
     expected = balls.gaussians.means[rows]

@@ -218,7 +218,7 @@ def test_level_slider_goes_from_part_to_whole_at_once(levelled: Any, part: Part,
         assert (vase.heritage.level, vase.heritage.part_to_whole) == (level, level / 2)
         wanted = np.flatnonzero(LEVELS[level] >= 0.5)
         assert rows(vase) == wanted.tolist()
-        bpy.ops.heritage.export_objects(directory=str(tmp_path), overwrite=True)
+        bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY", overwrite=True)
         exported = formats.read_ply(tmp_path / "Vase.ply").means
         np.testing.assert_allclose(exported, levelled.gaussians.means[wanted], atol=1e-6)
     # The threshold works on the level shown.

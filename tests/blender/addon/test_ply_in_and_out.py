@@ -22,7 +22,7 @@ def import_ply(path: Path, **options: Any) -> bpy.types.Object:
 
 
 def export(folder: Path, **options: Any) -> None:
-    assert bpy.ops.heritage.export_objects(directory=str(folder), **options) == {"FINISHED"}
+    assert bpy.ops.heritage.export_objects(**{"directory": str(folder), "format": "PLY", **options}) == {"FINISHED"}
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
@@ -126,7 +126,7 @@ def test_existing_files_are_replaced_only_on_request(
     before = path.read_bytes()
     import_ply(path)
     with pytest.raises(RuntimeError, match=r"already contains scene\.ply"):
-        bpy.ops.heritage.export_objects(directory=str(tmp_path), scope="SCENE")
+        bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY", scope="SCENE")
     assert path.read_bytes() == before
     export(tmp_path, scope="SCENE", overwrite=True)
     assert b"generator Gaussian Heritage" in path.read_bytes()

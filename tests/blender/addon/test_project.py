@@ -60,7 +60,7 @@ def test_slider_changes_what_is_drawn_and_exported(project: Any, part: Part, tmp
         obj.heritage.threshold = threshold
         wanted = membership >= np.float32(threshold)
         assert drawn(obj) == (wanted & visible).sum()
-        bpy.ops.heritage.export_objects(directory=str(tmp_path), overwrite=True)
+        bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY", overwrite=True)
         back = part("engine.formats").read_ply(tmp_path / "Vase.ply")
         np.testing.assert_allclose(back.means, project.gaussians.means[:40][wanted], atol=1e-6)
 
@@ -108,8 +108,8 @@ def test_record_is_kept_in_the_project_and_in_exports(project: Any, part: Part, 
     assert records.load_record(project.folder, "vase") == records.MuseumRecord("1906.12", "Gefäß", "CC BY 4.0", "")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="GLB")
-    assert rb"comment title Gef\u00e4\u00df" in (tmp_path / "Vase.ply").read_bytes()
-    data = (tmp_path / "Vase.glb").read_bytes()
+    assert rb"comment title Gef\u00e4\u00df" in (tmp_path / "1906.12 Vase.ply").read_bytes()
+    data = (tmp_path / "1906.12 Vase.glb").read_bytes()
     asset = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["asset"]
     assert asset["copyright"] == "CC BY 4.0"
     assert asset["extras"]["record"]["catalogue_number"] == "1906.12"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from engine.errors import DiskError, EnvironmentProblem, FormatError, NumericalError
 from engine.formats.transform import rotations_from_quats
 from engine.formats.usd import PRIM_TYPE, write_usd
+from engine.formats.usd_elsewhere import write_usd_elsewhere
 from engine.formats.usd_reading import read_usd
 from engine.scene.gaussians import Gaussians
 
@@ -52,7 +54,9 @@ def test_an_unknown_unit_is_said_and_the_photos_that_saw_each_gaussian_are_kept(
 ) -> None:
     write_usd(tmp_path / "a.usdc", random_gaussians(3, degree=0), seen=np.array([0, 7, 2]))
     stage = pxr_usd.Stage.Open(str(tmp_path / "a.usdc"))
-    assert not stage.HasAuthoredMetadata("metersPerUnit")
+    # USD's own default, 0.01, would show the Gaussians 100 times too small.
+    assert stage.GetMetadata("metersPerUnit") == 1.0
+    assert "unit of this file is unknown" in stage.GetRootLayer().documentation
     assert stage.GetRootLayer().customLayerData["unit"] == "unknown"
     assert list(stage.GetDefaultPrim().GetAttribute("primvars:photosSeen").Get()) == [0, 7, 2]
 
@@ -144,3 +148,19 @@ def test_an_openusd_that_is_missing_or_too_old_is_said(
         with pytest.raises(EnvironmentProblem, match="need the package usd-core, which is not installed"):
             write_usd(tmp_path / "a.usdc", random_gaussians(1))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_another_python_writes_the_same_file(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    gaussians = replace(random_gaussians(6, degree=2), antialiased=True)
+    matrix = np.diag([2.0, 2.0, 2.0, 1.0])
+    facts = {"name": "Ölkanne", "metres_per_unit": None, "custom_data": {"record": {"title": "Ölkanne"}}}
+    write_usd(tmp_path / "here.usda", gaussians, matrix=matrix, **facts)
+    write_usd_elsewhere(Path(sys.executable), tmp_path / "there.usda", gaussians, matrix=matrix, **facts)
+    assert (tmp_path / "there.usda").read_text() == (tmp_path / "here.usda").read_text()
+
+
+def test_another_python_that_cannot_start_is_told_in_one_sentence(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
+    with pytest.raises(DiskError, match=r"a\.usd was not written: .* Export GLB, PLY or SPZ instead\."):
+        write_usd_elsewhere(tmp_path / "no python", tmp_path / "a.usd", random_gaussians(2))

@@ -1,0 +1,86 @@
+"""Writes USD files by another Python that has OpenUSD: inside Blender, that of the engine, as Blender may have none."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..child_process import ChildFailure, run_in_child
+from ..errors import DiskError
+from ..scene import Gaussians
+from .ply import read_ply, write_ply
+from .usd import write_usd
+
+__all__ = ["usd_from_ply", "write_usd_elsewhere"]
+
+_MEMORY = 4 << 30
+_MEMORY_PER_BYTE = 16
+"""Address space of the child: Python and OpenUSD, and the Gaussians, their arrays in OpenUSD and copies."""
+_SECONDS = 60.0
+_BYTES_PER_SECOND = 2_000_000
+
+
+def write_usd_elsewhere(
+    python: Path,
+    path: Path,
+    gaussians: Gaussians,
+    *,
+    name: str = "Gaussians",
+    metres_per_unit: float | None = None,
+    custom_data: Mapping[str, Any] | None = None,
+    matrix: NDArray[np.float64] | None = None,
+) -> None:
+    """Write `gaussians` as USD by `python`, which has OpenUSD; see `write_usd` for the other parameters.
+
+    Raises
+    ------
+    HeritageError
+        As `write_usd`, and when the other process fails.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "gaussians.ply"
+        write_ply(source, gaussians)
+        size = source.stat().st_size
+        arguments = {
+            "source": str(source),
+            "target": str(path.absolute()),
+            "name": name,
+            "metres_per_unit": metres_per_unit,
+            "custom_data": None if custom_data is None else dict(custom_data),
+            "matrix": None if matrix is None else matrix.tolist(),
+        }
+        try:
+            run_in_child(
+                "formats.usd_elsewhere:usd_from_ply",
+                arguments,
+                max_memory=_MEMORY + _MEMORY_PER_BYTE * size,
+                max_seconds=_SECONDS + size / _BYTES_PER_SECOND,
+                what=f"writing {path}",
+                python=python,
+            )
+        except (ChildFailure, OSError) as failure:
+            raise DiskError(f"{path} was not written: {failure} Export GLB, PLY or SPZ instead.") from failure
+
+
+def usd_from_ply(
+    source: str,
+    target: str,
+    name: str,
+    metres_per_unit: float | None,
+    custom_data: dict[str, Any] | None,
+    matrix: list[list[float]] | None,
+) -> None:
+    """Write the Gaussians of the PLY file `source` as the USD file `target`; `write_usd_elsewhere` calls it."""
+    write_usd(
+        Path(target),
+        read_ply(Path(source)),
+        name=name,
+        metres_per_unit=metres_per_unit,
+        custom_data=custom_data,
+        matrix=None if matrix is None else np.array(matrix),
+    )
