@@ -33,13 +33,11 @@ Float64 = NDArray[np.float64]
 _N_POINTS = {"DISTANCE": 2, "RULER": 2, "NORTH": 2, "ORIGIN": 1, "GROUND": 0}
 """Points of each action; 0: three or more."""
 _HELP = {
-    "DISTANCE": pgettext_n("Click the two ends of the known distance   Esc: cancel"),
-    "RULER": pgettext_n("Click two points   Esc: cancel"),
-    "NORTH": pgettext_n("Click a point, then another one to the north of it   Esc: cancel"),
-    "ORIGIN": pgettext_n("Click the origin   Esc: cancel"),
-    "GROUND": pgettext_n(
-        "Click three or more points of the ground   Backspace: remove the last   Enter: done   Esc: cancel"
-    ),
+    "DISTANCE": pgettext_n("Click the two ends of the known distance"),
+    "RULER": pgettext_n("Click two points"),
+    "NORTH": pgettext_n("Click a point, then another one to the north of it"),
+    "ORIGIN": pgettext_n("Click the origin"),
+    "GROUND": pgettext_n("Click three or more points of the ground   Backspace: remove the last   Enter: done"),
 }
 
 
@@ -86,6 +84,11 @@ class HERITAGE_OT_measure(ViewClickOperator):
             options={"SKIP_SAVE"},
         ),
     ]
+
+    def tool_name(self) -> str:
+        """Return the name of the action."""
+        name: str = self.bl_rna.properties["action"].enum_items[self.action].name
+        return name
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for clicks in the view."""

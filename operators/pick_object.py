@@ -34,7 +34,7 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
     bl_label = "Click in View"
     bl_options = {"REGISTER", "UNDO"}
     n_clicks = 1
-    help_text = pgettext_n("Click what you see   Esc: cancel")
+    help_text = pgettext_n("Click what you see")
 
     action: Annotated[
         str,
@@ -72,6 +72,10 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         str,
         StringProperty(name="Name", description="Name of an isolated object; empty: object", options={"SKIP_SAVE"}),
     ]
+
+    def tool_name(self) -> str:
+        """Return the label of its button."""
+        return "Select in View" if self.action == "SELECT" else "Isolate in View"
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for a click in the view; with a photo, look through it at once."""
