@@ -4,6 +4,7 @@ import bpy
 
 from . import (
     display_settings,
+    edited_splats,
     following,
     guards,
     job_runner,
@@ -17,6 +18,7 @@ from . import (
     solid_mode,
     splat_view,
     translations,
+    view_selection,
 )
 from .preferences import user_folder
 
@@ -37,14 +39,18 @@ def register() -> None:
     open_projects.register()
     measurement_history.register()
     following.register()
+    edited_splats.register()
     splat_view.register()
+    view_selection.register()
     translations.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
     translations.unregister()
+    view_selection.unregister()
     splat_view.unregister()
+    edited_splats.unregister()
     following.unregister()
     measurement_history.unregister()
     open_projects.unregister()

@@ -238,12 +238,16 @@ def _mark(obj: bpy.types.Object) -> None:
 @contextlib.contextmanager
 def object_mode() -> Iterator[None]:
     """Leave Edit Mode for this block, in which meshes are changed, and return to it."""
-    active = bpy.context.view_layer.objects.active
-    editing = active is not None and active.mode == "EDIT"
-    if editing:
+    layer = bpy.context.view_layer
+    active = layer.objects.active
+    edited = active.name if active is not None and active.mode == "EDIT" else ""
+    if edited:
         bpy.ops.object.mode_set(mode="OBJECT")
     try:
         yield
     finally:
-        if editing and bpy.context.view_layer.objects.active is not None:
+        # The block may have deleted it, or selected another one.
+        if edited in layer.objects:
+            layer.objects[edited].select_set(True)
+            layer.objects.active = layer.objects[edited]
             bpy.ops.object.mode_set(mode="EDIT")

@@ -30,6 +30,8 @@ __all__ = [
     "apply_blending",
     "apply_photo_opacity",
     "apply_visibility",
+    "follow_eyes",
+    "follow_selection",
     "heritage_objects",
     "loading",
     "photo_alpha",
@@ -41,6 +43,7 @@ __all__ = [
     "select_object",
     "set_active_object",
     "unregister",
+    "view_layer_of",
     "view_transform_of",
 ]
 
@@ -62,8 +65,29 @@ def heritage_objects(scene: bpy.types.Scene, role: str | None = None) -> list[bp
     return [obj for obj in scene.objects if obj.heritage.role in roles]
 
 
+def view_layer_of(scene: bpy.types.Scene) -> bpy.types.ViewLayer:
+    """Return the view layer in which `scene` is shown, or else its first one."""
+    shown = bpy.context.view_layer
+    return shown if shown is not None and shown.id_data == scene else scene.view_layers[0]
+
+
 def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the isolated object selected in the panel's list, or None."""
+    """Return the isolated object that is selected, in the panel's list as in Blender, or None.
+
+    It is Blender's active object where that is selected too, or is not shown and so cannot be. While splats are in Edit
+    Mode, which Blender's active object cannot leave, it is the object of the list that the edits are meant for.
+    """
+    layer = view_layer_of(scene)
+    obj = layer.objects.active
+    if obj is not None and obj.mode == "EDIT" and SplatScene.is_splats(obj):
+        return _remembered(scene)
+    if obj is None or obj.heritage.role != "OBJECT":
+        return None
+    return obj if obj.select_get(view_layer=layer) or not obj.visible_get(view_layer=layer) else None
+
+
+def _remembered(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the isolated object that was selected last."""
     wanted: HeritageScene = scene.heritage
     if not wanted.active_name:
         return None
@@ -72,11 +96,51 @@ def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return next((obj for obj in found if obj.name == wanted.active_name), found[0] if found else None)
 
 
+def _remember(scene: bpy.types.Scene, obj: bpy.types.Object | None) -> None:
+    name, object_id = ("", "") if obj is None else (obj.name, obj.heritage.object_id)
+    if (scene.heritage.active_name, scene.heritage.active_id) != (name, object_id):
+        scene.heritage.active_name, scene.heritage.active_id = name, object_id
+
+
+def follow_selection(scene: bpy.types.Scene) -> None:
+    """Make the only object that is selected the active one, and remember it for the time in Edit Mode.
+
+    Blender's box, lasso and circle select objects without making one of them active.
+    """
+    layer = view_layer_of(scene)
+    active = layer.objects.active
+    if active is None or (active.mode == "OBJECT" and not active.select_get(view_layer=layer)):
+        selected = [obj for obj in layer.objects if obj.select_get(view_layer=layer)]
+        if len(selected) == 1 and selected[0].heritage.role == "OBJECT":
+            layer.objects.active = selected[0]
+    obj = active_object(scene)
+    if obj is not None:
+        _remember(scene, obj)
+
+
 def set_active_object(scene: bpy.types.Scene, obj: bpy.types.Object | None) -> None:
-    """Select `obj` in the panel's list; nothing is selected when it is no isolated object of `scene`."""
+    """Select `obj` alone, in the panel's list and in Blender; no isolated object where `obj` is none of `scene`.
+
+    Raises
+    ------
+    ObjectError
+        When the object is in a collection that the view layer leaves out.
+    """
+    layer = view_layer_of(scene)
     known = obj if obj in heritage_objects(scene, "OBJECT") else None
-    scene.heritage.active_name = "" if known is None else known.name
-    scene.heritage.active_id = "" if known is None else known.heritage.object_id
+    active = layer.objects.active
+    if active is None or active.mode != "EDIT":
+        if known is not None and layer.objects.get(known.name) != known:
+            raise ObjectError(
+                f"{known.name} is in a collection that this view layer leaves out. Tick it in the outliner first."
+            )
+        for other in layer.objects:
+            if known is not None or other.heritage.role == "OBJECT":
+                # What is not shown cannot be selected.
+                other.select_set(other == known and known.visible_get(view_layer=layer), view_layer=layer)
+        if known is not None or (active is not None and active.heritage.role == "OBJECT"):
+            layer.objects.active = known
+    _remember(scene, known)
 
 
 def select_object(scene: bpy.types.Scene, object_id: str) -> None:
@@ -166,19 +230,53 @@ def show_level(obj: bpy.types.Object) -> None:
 def apply_visibility(scene: bpy.types.Scene) -> None:
     """Show either a whole scene or its objects: showing both would draw their Gaussians twice.
 
-    An object whose own scene is not in `scene`, such as one appended from another file, stays visible.
+    An object whose own scene is not in `scene`, such as one appended from another file, stays visible. The eye of the
+    list is that of Blender's outliner. What was selected stays selected when it is shown again.
     """
+    chosen = active_object(scene)
+    objects = heritage_objects(scene)
+    for obj, replaced in zip(objects, _are_replaced(scene, objects), strict=True):
+        obj.hide_viewport, obj.hide_render = replaced, replaced or obj.heritage.hidden
+        for layer in scene.view_layers:
+            if layer.objects.get(obj.name) == obj and obj.hide_get(view_layer=layer) != obj.heritage.hidden:
+                obj.hide_set(obj.heritage.hidden, view_layer=layer)
+    layer = view_layer_of(scene)
+    if chosen is not None and layer.objects.active == chosen and chosen.visible_get(view_layer=layer):
+        chosen.select_set(True, view_layer=layer)
+
+
+def _are_replaced(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> list[bool]:
+    """Return of each splat object whether others are shown in its place."""
     shows_objects = scene.heritage.show == "OBJECTS"
-    wholes = {_project_name(obj) for obj in heritage_objects(scene, "SCENE")}
-    parted = {_project_name(obj) for obj in heritage_objects(scene, "OBJECT")}
+    wholes = {_project_name(obj) for obj in objects if obj.heritage.role == "SCENE"}
+    parted = {_project_name(obj) for obj in objects if obj.heritage.role == "OBJECT"}
     if scene.heritage.project:
         parted.add(bpy.path.abspath(scene.heritage.project))
-    for obj in heritage_objects(scene):
+    replaced = []
+    for obj in objects:
         project = _project_name(obj)
         is_whole = obj.heritage.role == "SCENE"
         # Splats without a project, of a file of any program, belong to no others.
-        replaced = project in parted and shows_objects if is_whole else project in wholes and not shows_objects
-        obj.hide_render = obj.hide_viewport = obj.heritage.hidden or (bool(project) and replaced)
+        has_other = project in parted and shows_objects if is_whole else project in wholes and not shows_objects
+        replaced.append(bool(project) and has_other)
+    return replaced
+
+
+def follow_eyes(scene: bpy.types.Scene) -> None:
+    """Take over the eyes of Blender's outliner, which H and Alt+H change as well, into the list of `scene`."""
+    layer, objects = view_layer_of(scene), heritage_objects(scene)
+    changed = [
+        obj
+        for obj in objects
+        if layer.objects.get(obj.name) == obj and obj.hide_get(view_layer=layer) != obj.heritage.hidden
+    ]
+    if not changed:
+        return
+    for obj, replaced in zip(objects, _are_replaced(scene, objects), strict=True):
+        # Earlier releases closed an eye by disabling the object in viewports.
+        if obj in changed and not (obj.heritage.hidden and obj.hide_viewport and not replaced):
+            obj.heritage.hidden = obj.hide_get(view_layer=layer)
+    apply_visibility(scene)
 
 
 def _project_name(obj: bpy.types.Object) -> str:

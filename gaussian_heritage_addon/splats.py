@@ -254,6 +254,13 @@ class SplatScene:
         with self._readable_mesh() as mesh:
             return _read(mesh, name)
 
+    def attributes(self) -> dict[str, Float32]:
+        """Return the values of all attributes that are drawn, by name; see `attribute`."""
+        with self._readable_mesh() as mesh:
+            names = ["position", "scale", "rotation", "radiance:base"]
+            names += [f"radiance:sh_{k}" for k in range(self._n_bands(mesh))]
+            return {name: _read(mesh, name) for name in names}
+
     @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0 to 3."""

@@ -48,9 +48,18 @@ class PathOperator(ViewTool, bpy.types.Operator):
         """Wait for the mouse button; with arguments of a script, run at once."""
         if self.path:  # type: ignore[attr-defined]
             return self.execute(context)
+        return self.begin_path(context, event)
+
+    def begin_path(self, context: bpy.types.Context, event: bpy.types.Event | None) -> set[str]:
+        """Begin the region where the mouse was pressed when it is dragged already, or else wait for the button."""
         self._corners: list[tuple[float, float]] = []
-        self._drags = False
-        return self.begin(context)
+        self._drags, self._button = False, "LEFTMOUSE"
+        result = self.begin(context)
+        if event is not None and event.value == "CLICK_DRAG":
+            self._drags, self._button = True, event.type
+            self._corners = [self._place(event.mouse_prev_press_x, event.mouse_prev_press_y)]
+            self._move_to(self._place(event.mouse_x, event.mouse_y))
+        return result
 
     def header(self) -> str:
         """Return what to do now."""
@@ -58,17 +67,17 @@ class PathOperator(ViewTool, bpy.types.Operator):
 
     def handle(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Handle one window event."""
-        region = self.region
-        place = (event.mouse_x - region.x + 0.5, event.mouse_y - region.y + 0.5)
+        place = self._place(event.mouse_x, event.mouse_y)
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
             if not self.is_in_view(event.mouse_x, event.mouse_y):
                 return {"PASS_THROUGH"}
             self._drags, self._corners = True, [place]
         elif event.type == "MOUSEMOVE" and self._drags:
             self._move_to(place)
-        elif event.type == "LEFTMOUSE" and event.value == "RELEASE" and self._drags:
+        elif event.type == self._button and event.value == "RELEASE" and self._drags:
             self._move_to(place)
-            corners, view = np.array(self._outline(), np.float64), self.area.spaces.active.region_3d
+            corners, region = np.array(self._outline(), np.float64), self.region
+            view = self.area.spaces.active.region_3d
             self.cancel(context)
             return self.drawn(context, region, view, corners)
         else:
@@ -79,6 +88,10 @@ class PathOperator(ViewTool, bpy.types.Operator):
     def drawn(self, context: bpy.types.Context, region: Any, view: Any, corners: NDArray[np.float64]) -> set[str]:
         """Return the result of the operator for a region, [C, 2] in pixels from the lower left corner of the view."""
         raise NotImplementedError
+
+    def _place(self, x: int, y: int) -> tuple[float, float]:
+        region = self.region
+        return x - region.x + 0.5, y - region.y + 0.5
 
     def _move_to(self, place: tuple[float, float]) -> None:
         if self.shape == "BOX":

@@ -106,18 +106,9 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         if not name:
             self.report({"INFO"}, "No isolated object is seen there. Use Isolate to make one.")
             return {"CANCELLED"}
-        _select(context, bpy.data.objects[name])
+        set_active_object(scene, bpy.data.objects[name])
         self.report({"INFO"}, f"{name} is selected.")
         return {"FINISHED"}
-
-
-def _select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Select an isolated object in the list and, where it is shown, in the view."""
-    set_active_object(context.scene, obj)
-    if obj.visible_get():
-        for other in context.view_layer.objects:
-            other.select_set(other == obj)
-        context.view_layer.objects.active = obj
 
 
 CLASSES = [HERITAGE_OT_pick_object]

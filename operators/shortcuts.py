@@ -1,10 +1,15 @@
-"""Keyboard shortcuts in the 3D view. They are listed, and can be changed, in Blender's preferences under Keymap."""
+"""Keys of the 3D view. They are listed, and can be changed, in Blender's preferences under Keymap.
+
+Wherever the user's keymap selects objects by a click, a box or a lasso, splats are selected by the same event.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
 import bpy
+
+from ..gaussian_heritage_addon.guards import Timer, add_load_handler, remove_handler
 
 __all__ = ["SHORTCUTS", "register", "unregister"]
 
@@ -17,7 +22,77 @@ SHORTCUTS: tuple[tuple[str, str, dict[str, str]], ...] = (
 )
 """Key, pressed together with Ctrl, Shift and Alt; operator; and its options."""
 
+_SELECTING: dict[str, tuple[str, dict[str, str]]] = {
+    "view3d.select": ("heritage.select_splats", {}),
+    "view3d.select_box": ("heritage.select_splats_within", {"shape": "BOX"}),
+    "view3d.select_lasso": ("heritage.select_splats_within", {"shape": "LASSO"}),
+}
+"""For each operator of Blender that selects objects: ours for splats, and its options."""
+_SAME_OPTIONS = ("extend", "deselect", "toggle", "mode")
+_OTHER_MEANINGS = ("center", "enumerate", "object")
+"""Options of Blender's click with which it asks, or selects by centres."""
+_TOOLS = "3D View Tool: "
+"""Begin of the names of the keymaps of tools."""
+_READY = 1.0
+"""Seconds after which Blender has read the user's keymap."""
+
 _items: list[tuple[Any, Any]] = []
+_selecting: list[tuple[Any, Any]] = []
+
+
+def _follow_keymap() -> None:
+    """Give the operators for splats the events of Blender's own. Items of add-ons come first in a keymap."""
+    keyconfigs = bpy.context.window_manager.keyconfigs
+    _remove(_selecting)
+    for keymap in keyconfigs.user.keymaps:
+        if keymap.space_type != "VIEW_3D" or keymap.is_modal:
+            continue
+        for item in [one for one in keymap.keymap_items if one.idname in _SELECTING]:
+            if any(getattr(item.properties, name, False) for name in _OTHER_MEANINGS):
+                continue
+            own = keyconfigs.addon.keymaps.new(
+                keymap.name,
+                space_type=keymap.space_type,
+                region_type=keymap.region_type,
+                tool=keymap.name.startswith(_TOOLS),
+            )
+            _selecting.append((own, _copied(own, item)))
+
+
+def _copied(keymap: Any, item: Any) -> Any:
+    operator, options = _SELECTING[item.idname]
+    new = keymap.keymap_items.new(
+        operator,
+        item.type,
+        item.value,
+        any=item.any,
+        shift=item.shift,
+        ctrl=item.ctrl,
+        alt=item.alt,
+        oskey=item.oskey,
+        key_modifier=item.key_modifier,
+        direction=item.direction,
+    )
+    new.active = item.active
+    for name in _SAME_OPTIONS:
+        if item.properties.is_property_set(name) and name in new.properties.bl_rna.properties:
+            setattr(new.properties, name, getattr(item.properties, name))
+    for name, value in options.items():
+        setattr(new.properties, name, value)
+    return new
+
+
+_keymap_timer = Timer(_follow_keymap)
+
+
+def _follow_keymap_soon() -> None:
+    _keymap_timer.start(_READY)
+
+
+def _remove(items: list[tuple[Any, Any]]) -> None:
+    while items:
+        keymap, item = items.pop()
+        keymap.keymap_items.remove(item)
 
 
 def register() -> None:
@@ -31,10 +106,14 @@ def register() -> None:
         for name, value in options.items():
             setattr(item.properties, name, value)
         _items.append((keymap, item))
+    _follow_keymap_soon()
+    # The user may have chosen another keymap meanwhile.
+    add_load_handler(_follow_keymap_soon)
 
 
 def unregister() -> None:
     """Remove them."""
-    while _items:
-        keymap, item = _items.pop()
-        keymap.keymap_items.remove(item)
+    remove_handler(_follow_keymap_soon)
+    _keymap_timer.stop()
+    _remove(_selecting)
+    _remove(_items)

@@ -385,7 +385,7 @@ bpy.ops.heritage.find_objects()
     )
     window.check(
         "the background does not bury them",
-        "all(o.hide_viewport for o in bpy.data.objects if o.heritage.kind == 'background')",
+        "all(o.hide_get() for o in bpy.data.objects if o.heritage.kind == 'background')",
     )
     window.shot("find_all")
 
