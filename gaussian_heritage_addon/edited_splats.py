@@ -1,4 +1,4 @@
-"""Splats in Edit Mode as viewports draw them. They are read while nothing is drawn: reading changes the mesh."""
+"""Splats in Edit Mode as viewports draw them. They are read while nothing is drawn: reading makes a copy."""
 
 from __future__ import annotations
 
@@ -91,6 +91,18 @@ def _after_change(changed: list[bpy.types.ID]) -> None:
         _timer.start(0.0 if names - _read.keys() else _PAUSE)
 
 
+def _hide_what_is_not_shown(obj: bpy.types.Object, membership: Float32 | None) -> None:
+    """Hide the vertices below the threshold, as H does: as bare dots they would look like parts of the object."""
+    if membership is None:
+        return
+    mesh = bmesh.from_edit_mesh(obj.data)
+    shown = membership >= np.float32(obj.heritage.threshold)
+    for vertex, is_shown in zip(mesh.verts, shown.tolist(), strict=True):
+        if vertex.hide == is_shown:
+            vertex.hide_set(not is_shown)
+    bmesh.update_edit_mesh(obj.data, loop_triangles=False, destructive=False)
+
+
 def _read_changed() -> float | None:
     now = time.monotonic()
     waiting = False
@@ -103,6 +115,8 @@ def _read_changed() -> float | None:
             waiting = True
             continue
         splats = SplatScene.of(obj)
+        if former is None:
+            _hide_what_is_not_shown(obj, splats.membership)
         _read[name] = EditedSplats(
             splats.attributes(), splats.membership, splats.sh_degree, 0 if former is None else former.version + 1
         )

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -296,9 +297,10 @@ class SplatScene:
         if obj.mode != "EDIT":
             yield obj.data
             return
-        obj.update_from_editmode()
+        # The mesh itself is not brought up to date: Blender would tell of that as of a change.
         copy = obj.data.copy()
         try:
+            bmesh.from_edit_mesh(obj.data).to_mesh(copy)
             yield copy
         finally:
             bpy.data.meshes.remove(copy)

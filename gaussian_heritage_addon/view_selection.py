@@ -148,14 +148,18 @@ def _forget(changed: list[bpy.types.ID]) -> None:
         del _known[name]
 
 
+def _forget_all() -> None:
+    _known.clear()
+
+
 def register() -> None:
     """Forget Gaussians that change."""
     add_change_handler(_forget)
-    add_load_handler(_known.clear)
+    add_load_handler(_forget_all)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    remove_handler(_known.clear)
+    remove_handler(_forget_all)
     remove_change_handler(_forget)
-    _known.clear()
+    _forget_all()

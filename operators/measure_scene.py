@@ -87,7 +87,8 @@ class HERITAGE_OT_measure(ViewClickOperator):
 
     def tool_name(self) -> str:
         """Return the name of the action."""
-        name: str = self.bl_rna.properties["action"].enum_items[self.action].name
+        actions = bpy.ops.heritage.measure.get_rna_type().properties["action"].enum_items
+        name: str = actions[self.action].name
         return name
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -96,12 +97,12 @@ class HERITAGE_OT_measure(ViewClickOperator):
             return self.execute(context)
         self.n_clicks, self.help_text = _N_POINTS[self.action], _HELP[self.action]
         self._splats = SplatsInView.of(context.scene)
-        return super().invoke(context, event)
+        return self.begin_clicks(context)
 
     def add(self, context: bpy.types.Context, ray: tuple[Float64, Float64]) -> None:
         """Take the surface that a click hits."""
         self.points.append(_surface(self._splats, ray))
-        super().add(context, ray)
+        self.rays.append(ray)
 
     def clicked(self, context: bpy.types.Context) -> set[str]:
         """Use the points."""

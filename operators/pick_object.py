@@ -79,7 +79,7 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for a click in the view; with a photo, look through it at once."""
-        return self.execute(context) if self.photo else super().invoke(context, event)
+        return self.execute(context) if self.photo else self.begin_clicks(context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Look through the photo."""

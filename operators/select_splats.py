@@ -58,8 +58,28 @@ class HERITAGE_OT_select_splats(bpy.types.Operator):
         obj, distance = object_seen(splats, ray)
         if obj is None or hides_splats(context, place, ray, distance):
             return {"PASS_THROUGH"}
-        self.select(context, obj)
-        return {"FINISHED"}
+        if event.value != "PRESS":
+            self.select(context, obj)
+            return {"FINISHED"}
+        # Where the user's keys select when the button is pressed, a drag then moves what is selected.
+        self._obj, self._begin = obj.name, (event.mouse_x, event.mouse_y)
+        self._button, self._waits = event.type, obj.select_get() and not (self.extend or self.deselect or self.toggle)
+        if not self._waits:
+            self.select(context, obj)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Wait until the button is released, or the mouse is dragged."""
+        if event.type == self._button and event.value == "RELEASE":
+            if self._waits and self._obj in context.view_layer.objects:
+                self.select(context, context.view_layer.objects[self._obj])
+            return {"FINISHED"}
+        moved = max(abs(event.mouse_x - self._begin[0]), abs(event.mouse_y - self._begin[1]))
+        if moved > context.preferences.inputs.drag_threshold_mouse:
+            bpy.ops.transform.translate("INVOKE_DEFAULT", release_confirm=True)
+            return {"FINISHED"}
+        return {"RUNNING_MODAL"}
 
     def select(self, context: bpy.types.Context, obj: bpy.types.Object) -> None:
         """Select `obj` as Blender does."""

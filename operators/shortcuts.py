@@ -44,42 +44,38 @@ def _follow_keymap() -> None:
     """Give the operators for splats the events of Blender's own. Items of add-ons come first in a keymap."""
     keyconfigs = bpy.context.window_manager.keyconfigs
     _remove(_selecting)
-    for keymap in keyconfigs.user.keymaps:
-        if keymap.space_type != "VIEW_3D" or keymap.is_modal:
-            continue
-        for item in [one for one in keymap.keymap_items if one.idname in _SELECTING]:
-            if any(getattr(item.properties, name, False) for name in _OTHER_MEANINGS):
-                continue
-            own = keyconfigs.addon.keymaps.new(
-                keymap.name,
-                space_type=keymap.space_type,
-                region_type=keymap.region_type,
-                tool=keymap.name.startswith(_TOOLS),
-            )
-            _selecting.append((own, _copied(own, item)))
+    # All are read before one is added: to add one renews the user's keymap.
+    wanted = [
+        (keymap.name, keymap.space_type, keymap.region_type, _event_of(item), *_ours(item))
+        for keymap in keyconfigs.user.keymaps
+        if keymap.space_type == "VIEW_3D" and not keymap.is_modal
+        for item in keymap.keymap_items
+        if item.idname in _SELECTING
+        and item.active
+        and not any(getattr(item.properties, name, False) for name in _OTHER_MEANINGS)
+    ]
+    for name, space, region, event, operator, options in wanted:
+        keymap = keyconfigs.addon.keymaps.new(name, space_type=space, region_type=region, tool=name.startswith(_TOOLS))
+        new = keymap.keymap_items.new(operator, **event)
+        for option, value in options.items():
+            setattr(new.properties, option, value)
+        _selecting.append((keymap, new))
 
 
-def _copied(keymap: Any, item: Any) -> Any:
+def _event_of(item: Any) -> dict[str, Any]:
+    names = ("type", "value", "any", "shift", "ctrl", "alt", "oskey", "key_modifier", "direction")
+    return {name: getattr(item, name) for name in names}
+
+
+def _ours(item: Any) -> tuple[str, dict[str, Any]]:
+    """Return our operator for an item of the user's keymap, and its options."""
     operator, options = _SELECTING[item.idname]
-    new = keymap.keymap_items.new(
-        operator,
-        item.type,
-        item.value,
-        any=item.any,
-        shift=item.shift,
-        ctrl=item.ctrl,
-        alt=item.alt,
-        oskey=item.oskey,
-        key_modifier=item.key_modifier,
-        direction=item.direction,
-    )
-    new.active = item.active
-    for name in _SAME_OPTIONS:
-        if item.properties.is_property_set(name) and name in new.properties.bl_rna.properties:
-            setattr(new.properties, name, getattr(item.properties, name))
-    for name, value in options.items():
-        setattr(new.properties, name, value)
-    return new
+    given: dict[str, Any] = {
+        name: getattr(item.properties, name)
+        for name in _SAME_OPTIONS
+        if name in item.properties.bl_rna.properties and item.properties.is_property_set(name)
+    }
+    return operator, given | options
 
 
 _keymap_timer = Timer(_follow_keymap)

@@ -37,6 +37,10 @@ class ViewClickOperator(ViewTool, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for clicks in the view."""
+        return self.begin_clicks(context)
+
+    def begin_clicks(self, context: bpy.types.Context) -> set[str]:
+        """Wait for clicks in the view, and return what `invoke` returns."""
         self.rays: list[tuple[Float64, Float64]] = []
         self.points: list[Float64] = []
         return self.begin(context)

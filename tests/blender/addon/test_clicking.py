@@ -222,7 +222,7 @@ class Tool:
             functions |= {name: one for name, one in vars(base).items() if isinstance(one, FunctionType | property)}
         self.window, self.messages, self.handlers = window, list[str](), list[Any]()
         told = self.messages
-        given = {"_session": None, "bl_rna": operator.bl_rna, "report": lambda self, kind, text: told.append(text)}
+        given = {"_session": None, "report": lambda self, kind, text: told.append(text)}
         known = {name: getattr(operator, name) for name in ("n_clicks", "help_text") if hasattr(operator, name)}
         self.operator = type("FakeOperator", (), {**functions, **given, **known, **options})()
         windows = [SimpleNamespace(screen=SimpleNamespace(areas=[window.area]))]
