@@ -22,7 +22,7 @@ from ..engine.records import new_id
 from .object_import import new_collection, origin_in_scene
 from .placement import placement_properties
 from .preferences import user_folder
-from .properties import COUNT_KEY, heritage_objects, loading, project_of, scene_count
+from .properties import COUNT_KEY, active_object, heritage_objects, loading, project_of, scene_count, set_active_object
 from .scene_file import whole_scene
 from .splats import SplatScene
 
@@ -238,9 +238,11 @@ def _mark(obj: bpy.types.Object) -> None:
 @contextlib.contextmanager
 def object_mode() -> Iterator[None]:
     """Leave Edit Mode for this block, in which meshes are changed, and return to it."""
-    layer = bpy.context.view_layer
+    scene, layer = bpy.context.scene, bpy.context.view_layer
     active = layer.objects.active
     edited = active.name if active is not None and active.mode == "EDIT" else ""
+    listed = active_object(scene)
+    former = listed.name if listed is not None else ""
     if edited:
         bpy.ops.object.mode_set(mode="OBJECT")
     try:
@@ -248,6 +250,10 @@ def object_mode() -> Iterator[None]:
     finally:
         # The block may have deleted it, or selected another one.
         if edited in layer.objects:
+            now = active_object(scene)
+            chosen = now.name if now is not None and now.name != edited else former
             layer.objects[edited].select_set(True)
             layer.objects.active = layer.objects[edited]
             bpy.ops.object.mode_set(mode="EDIT")
+            # In Edit Mode, the list has the object that edits are meant for.
+            set_active_object(scene, scene.objects.get(chosen))

@@ -76,8 +76,9 @@ class ViewTool:
             raise ObjectError("Press the button in the sidebar (N) of a 3D view.")
         end_active_tool()
         self._session = _last = _Session(context, self.draw_marks)
-        context.window_manager.modal_handler_add(self)
         self.show_header()
+        # Last: an error after this would leave Blender with an operator that has ended already.
+        context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

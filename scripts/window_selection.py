@@ -32,6 +32,7 @@ def select_objects(window: Window) -> None:
     (x, y), height = frame_object(window)
     name = window.python("print(next(o.name for o in bpy.context.scene.objects if o.heritage.role == 'OBJECT'))")
     obj = f"bpy.data.objects[{name!r}]"
+    window.python("bpy.ops.ed.undo_push(message='frame')")
     window.check("nothing selected is no row of the list", f"{ROW} == -1")
     window.click(x, y)
     window.check("a click on visible splats selects the object, in Blender and in the list", _is_selected(name))
