@@ -24,6 +24,8 @@ from .translations import translated
 
 __all__ = ["CLASSES"]
 
+_STATUS_SHARE = 0.65
+"""Share of the width of the first row that the name of a stopped job gets, beside its button."""
 _HEALTH_ICONS = {"yellow": "INFO", "red": "ERROR"}
 """Colours of the cameras' health that are shown; nothing is said of green ones."""
 
@@ -66,8 +68,9 @@ def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     state = current[1] if current is not None and job_runner.belongs_to(current[0], scene) else None
     if stopped:
         number, job, _ = stopped[0]
+        row = row.split(factor=_STATUS_SHARE, align=True)
         row.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
-        row.operator("heritage.continue_job", text="Continue", icon="PLAY").number = number
+        row.operator("heritage.continue_job", text="Continue").number = number
     elif waiting:
         row.label(text=_waiting_text(), icon="SORTTIME")
     elif state is not None and state.error_type == "PromptError":

@@ -65,6 +65,12 @@ def test_only_object_in_blenders_box_becomes_the_row(two: SimpleNamespace) -> No
     two.bust.select_set(True)
     bpy.context.view_layer.update()
     assert row() == bpy.context.view_layer.objects.active == two.bust
+    # A script may make another one active.
+    bpy.context.view_layer.objects.active = two.vase
+    for _ in range(2):
+        two.vase.update_tag()
+        bpy.context.view_layer.update()
+    assert bpy.context.view_layer.objects.active == two.vase
 
 
 def test_row_stays_while_the_whole_scene_is_shown_in_place_of_its_objects(two: SimpleNamespace) -> None:
