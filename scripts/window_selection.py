@@ -42,7 +42,7 @@ def select_objects(window: Window) -> None:
     window.settle()
     window.check("Ctrl+Z undoes the selection", f"not {obj}.select_get()")
     window.python(f"for one in {LAYER}.objects: one.select_set(False)")
-    side = 2 * height
+    side = height
     window.run("path", *map(round, (x - side, y - side, x, y, x + side, y + side)))
     time.sleep(3)
     window.settle()
