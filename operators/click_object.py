@@ -13,7 +13,7 @@ from ..engine.jobs import Click
 from ..gaussian_heritage_addon.click_session import CONFIRM_KEYS, ClickSession, EventResult
 from ..gaussian_heritage_addon.clicking import Viewport
 from ..gaussian_heritage_addon.problems import sentence_of
-from ..gaussian_heritage_addon.properties import active_object
+from ..gaussian_heritage_addon.properties import active_object, set_active_object
 from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator
@@ -49,8 +49,10 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Look through the camera of a photo and start the modal operator."""
-        if self.refine and active_object(context.scene) is None:
+        target = active_object(context.scene)
+        if self.refine and target is None:
             raise ObjectError("Select an isolated object in the list first.")
+        self._target = "" if target is None else target.name
         # Before the view turns to a photo.
         end_active_tool()
         self._viewport = Viewport.of(context)
@@ -92,7 +94,7 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
             return {"PASS_THROUGH"}
         if result is EventResult.CONFIRMED:
             self.cancel(context)
-            return self._isolate()
+            return self._isolate(context)
         self.show_header()
         return {"RUNNING_MODAL"}
 
@@ -104,7 +106,13 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
         """Draw the clicks on the photo that is shown."""
         self._viewport.draw_marks([(click, self._directions[click]) for click in self._clicks.clicks])
 
-    def _isolate(self) -> set[str]:
+    def _isolate(self, context: bpy.types.Context) -> set[str]:
+        if self.refine:
+            # Another object may have been selected since the button was pressed.
+            target = context.scene.objects.get(self._target)
+            if target is None:
+                raise ObjectError(f"{self._target} is not in this scene any more. Select the object to correct again.")
+            set_active_object(context.scene, target)
         clicks = [
             {"name": "", "photo": click.photo, "x": click.x, "y": click.y, "wanted": click.wanted}
             for click in self._clicks.clicks

@@ -291,6 +291,8 @@ def test_clicks_correct_the_selected_object(clicking: Any, fake_engine: Callable
     bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
     assert clicking.invoke(refine=True) == {"RUNNING_MODAL"}
     clicking.event("LEFTMOUSE", shift=True)
+    # It is the object that was selected when the button was pressed.
+    bpy.context.scene.heritage.active = -1
     assert clicking.event("NUMPAD_ENTER") == {"FINISHED"}
     refine, click = json.loads(arguments.read_text())[4:6]
     assert refine == "--refine=vase" and click.startswith("--not=a b/view 1.jpg=")
