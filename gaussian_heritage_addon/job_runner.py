@@ -289,14 +289,15 @@ def _is_running() -> bool:
 
 def _launch(kind: str, subject: Path, command: Sequence[str]) -> Job:
     global _job
+    folder = _folder_for(kind, subject)
     _job = Job.start(
         list(command),
-        _folder_for(kind, subject),
+        folder,
         kind=kind,
         subject=str(subject),
         environment=current_environment(),
     )
-    _seen_in_file[_job.folder] = _file_number
+    _seen_in_file[folder] = _file_number
     for job in [one for one in _stopped if _is_continued_by(one, kind, subject, command)]:
         _no_longer_stopped(job)
     return _job

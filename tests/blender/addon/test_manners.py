@@ -52,7 +52,7 @@ def test_second_blender_on_a_project_is_told_until_the_first_is_closed(
 
 
 def texts(draw: Callable[[str], Any]) -> list[str]:
-    return [" ".join(draw("HERITAGE_PT_progress").texts)]
+    return [" ".join(draw("HERITAGE_PT_scene").texts)]
 
 
 @pytest.mark.parametrize(
