@@ -13,6 +13,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty
 from numpy.typing import NDArray
 
+from ..engine.errors import ObjectError
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from ..gaussian_heritage_addon.view_selection import hides_splats, object_seen, objects_within, selectable_splats
 from ..gaussian_heritage_addon.visible_splats import sight_of_viewport
@@ -47,6 +48,12 @@ class HERITAGE_OT_select_splats(bpy.types.Operator):
             options={"SKIP_SAVE"},
         ),
     ]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Report an error: scripts select objects as all objects of Blender."""
+        raise ObjectError(
+            "Splats are selected in a 3D view of a window. In scripts, use select_set and objects.active."
+        )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Select what is seen at the pointer, unless it belongs to another object of Blender."""
@@ -121,6 +128,12 @@ class HERITAGE_OT_select_splats_within(PathOperator):
     def tool_name(self) -> str:
         """Return the name of Blender's tool."""
         return "Select Box" if self.shape == "BOX" else "Select Lasso"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Report an error: scripts select objects as all objects of Blender."""
+        raise ObjectError(
+            "Splats are selected in a 3D view of a window. In scripts, use select_set and objects.active."
+        )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Begin the region where a drag began, or wait for the mouse button."""
