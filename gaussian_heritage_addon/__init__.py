@@ -4,6 +4,7 @@ import bpy
 
 from . import (
     display_settings,
+    edited_splats,
     following,
     guards,
     job_runner,
@@ -18,6 +19,7 @@ from . import (
     solid_mode,
     splat_view,
     translations,
+    view_selection,
 )
 from .preferences import user_folder
 
@@ -45,14 +47,18 @@ def register() -> None:
     open_projects.register()
     following.register()
     project_history.register()
+    edited_splats.register()
     splat_view.register()
+    view_selection.register()
     translations.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
     translations.unregister()
+    view_selection.unregister()
     splat_view.unregister()
+    edited_splats.unregister()
     project_history.unregister()
     following.unregister()
     open_projects.unregister()

@@ -9,7 +9,7 @@ from typing import Literal
 
 from ..engine.jobs import Click
 
-__all__ = ["ClickSession", "EventResult"]
+__all__ = ["CONFIRM_KEYS", "ClickSession", "EventResult"]
 
 
 class EventResult(Enum):
@@ -19,11 +19,10 @@ class EventResult(Enum):
     HANDLED = "a click was added or removed"
     CHANGE_PHOTO = "move on by `ClickSession.step` photos"
     CONFIRMED = "the clicks are complete"
-    CANCELLED = "the user cancelled the session"
 
 
-_CONFIRM_KEYS = {"RET", "NUMPAD_ENTER"}
-_CANCEL_KEYS = {"ESC", "RIGHTMOUSE"}
+CONFIRM_KEYS = frozenset(("RET", "NUMPAD_ENTER"))
+"""Keys that complete a session."""
 _UNDO_KEYS = {"BACK_SPACE", "DEL"}
 _PHOTO_KEYS: dict[str, Literal[-1, 1]] = {"LEFT_ARROW": -1, "RIGHT_ARROW": 1}
 
@@ -62,10 +61,8 @@ class ClickSession:
             self.clicks.append(click(not negative))
         elif key in _UNDO_KEYS:
             del self.clicks[-1:]
-        elif key in _CONFIRM_KEYS:
+        elif key in CONFIRM_KEYS:
             return EventResult.CONFIRMED
-        elif key in _CANCEL_KEYS:
-            return EventResult.CANCELLED
         elif key in _PHOTO_KEYS:
             self.step = _PHOTO_KEYS[key]
             return EventResult.CHANGE_PHOTO

@@ -86,17 +86,6 @@ class Viewport:
     def _project(self) -> Path:
         return project_of(self.scene.heritage)
 
-    def is_over(self, x: int, y: int) -> bool:
-        """Return whether the position (x, y) in the window is in the view, not on a header or sidebar over it."""
-
-        def inside(region: bpy.types.Region) -> bool:
-            # A closed region has a width or height of 1.
-            return region.x <= x < region.x + region.width and region.y <= y < region.y + region.height > 1
-
-        return inside(self._region) and not any(
-            inside(region) for region in self.area.regions if region.type != "WINDOW" and region.width > 1
-        )
-
     def click(self, x: int, y: int, wanted: bool) -> tuple[Click, tuple[float, float]]:
         """Return the pixel of the photo at the position (x, y) in the window, and its direction, used to draw a mark.
 

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
 from .properties import apply_photo_opacity, heritage_objects
 from .solid_mode import viewports
-from .splat_nodes import SHAPES, display_input, renew_display, set_display_input
+from .splat_nodes import SHAPES, display_input, renew_display, set_display_input, show_in_edit_mode
 from .splats import SplatScene
 from .typed_properties import blender_properties
 
@@ -25,6 +25,7 @@ def apply_display(scene: bpy.types.Scene) -> None:
     for obj in heritage_objects(scene):
         if display_input(obj, SHAPES) != shapes:
             set_display_input(obj, SHAPES, shapes)
+        show_in_edit_mode(obj, shapes=shapes)
 
 
 def renew_displays() -> None:

@@ -5,6 +5,31 @@ from __future__ import annotations
 __all__ = ["TEXTS"]
 
 TEXTS: dict[str, str] = {
+    "{}: {}   Esc: leave": "{}: {}   Esc: verlassen",
+    "+{} waiting: {}": "+{} wartet: {}",
+    "Deselect": "Abwählen",
+    "Difference": "Differenz",
+    "Done, see Progress": "Fertig, siehe Fortschritt",
+    "Extend": "Erweitern",
+    "Intersect": "Schnittmenge",
+    "Leave Stopped Job": "Angehaltene Arbeit lassen",
+    "Mode": "Modus",
+    "Select Splats": "Splats auswählen",
+    "Select Splats Within": "Splats in einem Bereich auswählen",
+    "Set": "Setzen",
+    "Something is wrong, see Progress": "Ein Problem, siehe Fortschritt",
+    "Stopped: {}": "Angehalten: {}",
+    "Subtract": "Abziehen",
+    "Then: {} ({})": "Dann: {} ({})",
+    "Toggle": "Umschalten",
+    "correct {}": "{} berichtigen",
+    "find all": "alle finden",
+    "isolate a candidate": "einen Fund freistellen",
+    "isolate the background": "den Hintergrund freistellen",
+    "isolate what was clicked": "Angeklicktes freistellen",
+    "isolate {}": "{} freistellen",
+    "reconstruct {}": "{} rekonstruieren",
+    "store edits": "Änderungen speichern",
     "-Y": "-Y",
     "... and {} more": "... und {} weitere",
     "A few minutes of training on two cores.": "Einige Minuten Training auf zwei Kernen.",
@@ -42,30 +67,25 @@ TEXTS: dict[str, str] = {
     "Check": "Prüfen",
     "Check Models": "Modelle prüfen",
     "Clear Measurement": "Messung löschen",
-    "Click a point, then another one to the north of it   Esc: cancel": (
-        "Einen Punkt anklicken, dann einen nördlich davon   Esc: abbrechen"
-    ),
-    "Click in the view   Backspace: remove the last   Enter: done   Esc: cancel": (
-        "In die Ansicht klicken   Rücktaste: den letzten entfernen   Eingabe: fertig   Esc: abbrechen"
+    "Click a point, then another one to the north of it": "Einen Punkt anklicken, dann einen nördlich davon",
+    "Click in the view   Backspace: remove the last   Enter: done": (
+        "In die Ansicht klicken   Rücktaste: den letzten entfernen   Eingabe: fertig"
     ),
     "Click in View": "In der Ansicht klicken",
     "Click Object": "Objekt anklicken",
-    "Click the origin   Esc: cancel": "Den Ursprung anklicken   Esc: abbrechen",
-    "Click the two ends of the known distance   Esc: cancel": (
-        "Die beiden Enden des bekannten Abstands anklicken   Esc: abbrechen"
+    "Click the origin": "Den Ursprung anklicken",
+    "Click the two ends of the known distance": "Die beiden Enden des bekannten Abstands anklicken",
+    "Click three or more points of the ground   Backspace: remove the last   Enter: done": (
+        "Drei oder mehr Punkte des Bodens anklicken   Rücktaste: den letzten entfernen   Eingabe: fertig"
     ),
-    "Click three or more points of the ground   Backspace: remove the last   Enter: done   Esc: cancel": (
-        "Drei oder mehr Punkte des Bodens anklicken   Rücktaste: den letzten entfernen   Eingabe: fertig   "
-        "Esc: abbrechen"
-    ),
-    "Click two points   Esc: cancel": "Zwei Punkte anklicken   Esc: abbrechen",
-    "Click what you see   Esc: cancel": "Anklicken, was zu sehen ist   Esc: abbrechen",
+    "Click two points": "Zwei Punkte anklicken",
+    "Click what you see": "Anklicken, was zu sehen ist",
     (
         "Click: the object   Shift-click: not part of it   Left/Right: other photo   Backspace: remove last "
-        "click   Enter: isolate   Esc: cancel   |   {} on the object, {} beside it"
+        "click   Enter: done   |   {} on the object, {} beside it"
     ): (
         "Klick: das Objekt   Umschalt-Klick: gehört nicht dazu   Links/Rechts: anderes Foto   Rücktaste: "
-        "letzten Klick entfernen   Eingabe: freistellen   Esc: abbrechen   |   {} auf dem Objekt, {} daneben"
+        "letzten Klick entfernen   Eingabe: fertig   |   {} auf dem Objekt, {} daneben"
     ),
     "Clicks": "Klicks",
     "Close List": "Liste schließen",
@@ -230,7 +250,6 @@ TEXTS: dict[str, str] = {
     "SPZ": "SPZ",
     "Started before Blender was closed": "Vor dem Schließen von Blender gestartet",
     "Step": "Schritt",
-    "Stopped": "Angehalten",
     "Store Edits": "Änderungen speichern",
     "Surface": "Oberfläche",
     "Take": "Wegnehmen",
@@ -247,7 +266,6 @@ TEXTS: dict[str, str] = {
     "The unit is unknown. Pick two points whose distance you know.": (
         "Die Einheit ist unbekannt. Klicken Sie zwei Punkte an, deren Abstand Sie kennen."
     ),
-    "Then: {} {}": "Danach: {} {}",
     "They agree within {:.1f} mm": "Sie stimmen auf {:.1f} mm überein",
     "Threshold": "Schwellwert",
     "Through": "Hindurch",

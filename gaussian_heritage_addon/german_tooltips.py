@@ -5,6 +5,26 @@ from __future__ import annotations
 __all__ = ["TEXTS"]
 
 TEXTS: dict[str, str] = {
+    "Do not offer to continue this job any more. Its finished work stays in the project": (
+        "Diese Arbeit nicht mehr zum Fortsetzen anbieten. Was fertig ist, bleibt im Projekt"
+    ),
+    "Keep only those selected that were selected before": "Nur ausgewählt lassen, was vorher schon ausgewählt war",
+    "Keep what is selected, and select this as well": "Die Auswahl behalten und dies dazu auswählen",
+    "Select all objects, and splat objects, in a box or a lasso": (
+        "Alle Objekte und Splat-Objekte in einem Rechteck oder Lasso auswählen"
+    ),
+    "Select the splat object that is clicked": "Das angeklickte Splat-Objekt auswählen",
+    "Select them alone": "Nur sie auswählen",
+    "Select them as well": "Sie dazu auswählen",
+    "Select this as well, or take it out where it is active already": (
+        "Dies dazu auswählen, oder abwählen, wo es schon aktiv ist"
+    ),
+    "Select those that were not selected, and the other way round": (
+        "Auswählen, was nicht ausgewählt war, und umgekehrt"
+    ),
+    "Take them out of what is selected": "Sie aus der Auswahl nehmen",
+    "Take this out of what is selected": "Dies aus der Auswahl nehmen",
+    "What is done with the objects in the region": "Was mit den Objekten im Bereich geschieht",
     "0 is the smallest part": "0 ist der kleinste Teil",
     "0 is the smallest part; -1: do not change the level": "0 ist der kleinste Teil; -1: die Stufe nicht ändern",
     "A distance that you have measured on the real object, in metres; then pick its two ends": (

@@ -29,6 +29,7 @@ __all__ = [
     "add_menu_entry",
     "add_save_handlers",
     "add_undo_handler",
+    "add_update_handler",
     "property_callbacks",
     "redraw",
     "register_class",
@@ -281,6 +282,11 @@ def add_undo_handler(function: Callable[[], None]) -> None:
     _add_handler(function, bpy.app.handlers.undo_post, bpy.app.handlers.redo_post)
 
 
+def add_update_handler(function: Callable[[], None]) -> None:
+    """Call `function` after each change of any kind, such as of the selection, and after undo."""
+    _add_handler(function, bpy.app.handlers.depsgraph_update_post)
+
+
 def add_save_handlers(before: Callable[[str], None], after: Callable[[str], None]) -> None:
     """Call `before` and `after` with the path of each .blend file that Blender writes, also where it fails."""
     for function, events in (
@@ -335,7 +341,10 @@ def _add_handler(function: Callable[[], None], *events: list[Function]) -> None:
 
 
 def remove_handler(function: Callable[..., None]) -> None:
-    """Undo `add_load_handler`, `add_undo_handler` or `add_import_handler`; nothing happens where it was not called."""
+    """Undo `add_load_handler`, `add_undo_handler`, `add_update_handler` or `add_import_handler`.
+
+    Nothing happens where it was not called.
+    """
     for event, handler in _HANDLERS.pop(function, ()):
         event.remove(handler)
 

@@ -17,7 +17,7 @@ from .object_geometry import moved_gaussians
 from .object_import import frame_in_project, new_collection
 from .object_names import ID_KEY, give_new_name
 from .placement import frame_of_whole, placement_properties
-from .properties import COUNT_KEY, heritage_objects, loading, project_of, scene_count
+from .properties import COUNT_KEY, active_object, heritage_objects, loading, project_of, scene_count, set_active_object
 from .scene_file import whole_scene
 from .splats import SplatScene
 from .world_placement import copy_world_matrix
@@ -191,12 +191,22 @@ def _mark(obj: bpy.types.Object) -> None:
 @contextlib.contextmanager
 def object_mode() -> Iterator[None]:
     """Leave Edit Mode for this block, in which meshes are changed, and return to it."""
-    active = bpy.context.view_layer.objects.active
-    editing = active is not None and active.mode == "EDIT"
-    if editing:
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    active = layer.objects.active
+    edited = active.name if active is not None and active.mode == "EDIT" else ""
+    listed = active_object(scene)
+    former = listed.name if listed is not None else ""
+    if edited:
         bpy.ops.object.mode_set(mode="OBJECT")
     try:
         yield
     finally:
-        if editing and bpy.context.view_layer.objects.active is not None:
+        # The block may have deleted it, or selected another one.
+        if edited in layer.objects:
+            now = active_object(scene)
+            chosen = now.name if now is not None and now.name != edited else former
+            layer.objects[edited].select_set(True)
+            layer.objects.active = layer.objects[edited]
             bpy.ops.object.mode_set(mode="EDIT")
+            # In Edit Mode, the list has the object that edits are meant for.
+            set_active_object(scene, scene.objects.get(chosen))

@@ -6,6 +6,7 @@ their results are offered where no scene of the file shows their project. Jobs t
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 from collections.abc import Sequence
@@ -21,21 +22,25 @@ from .first_view import show_job, show_scene
 from .guards import Timer, add_load_handler, redraw, remove_handler
 from .preferences import current_environment, current_python, user_folder
 from .project_history import catch_up
+from .properties import project_of
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
 
 __all__ = [
     "ENGINE",
     "MODEL_FILES",
+    "belongs_to",
     "cancel",
-    "continue_last",
+    "continue_stopped",
     "current",
     "dismiss",
     "drop",
     "ended_while_away",
+    "leave_stopped",
     "problem",
     "register",
     "start",
     "start_command",
+    "stopped",
     "take_in",
     "undecided",
     "unregister",
@@ -60,6 +65,12 @@ _found: list[Job] = []
 """Jobs of an earlier session of Blender that are still to be polled."""
 _undecided: list[Job] = []
 """Finished jobs whose results fit no scene of this file, so that the user decides."""
+_stopped: list[Job] = []
+"""Jobs of projects that ended before their work was done, until the user continues or leaves them."""
+_file_number = 0
+"""Grows with each .blend file that is loaded."""
+_seen_in_file: dict[Path, int] = {}
+"""By folder of a job: the number of the file that was loaded when it was started or found."""
 _waits_for_object_mode = False
 
 
@@ -71,6 +82,26 @@ def current() -> tuple[Job, JobState] | None:
 def waiting() -> list[WaitingJob]:
     """Return the jobs that wait for the running one."""
     return list(_queue)
+
+
+def stopped(scene: bpy.types.Scene) -> list[tuple[int, Job, JobState]]:
+    """Return the stopped jobs that belong to `scene`, with their numbers, the last first."""
+    found = [(number, job, job.poll()) for number, job in enumerate(_stopped) if belongs_to(job, scene)]
+    return found[::-1]
+
+
+def belongs_to(job: Job, scene: bpy.types.Scene) -> bool:
+    """Return whether `scene` is where the user looks for a job: it shows its project, or none in the same file.
+
+    A job that belongs to no project is told everywhere.
+    """
+    if job.kind not in PROJECT_KINDS:
+        return True
+    if not scene.heritage.project:
+        return _seen_in_file.get(job.folder) == _file_number
+    with contextlib.suppress(HeritageError):  # A path that no project can have; the panel says so.
+        return project_of(scene.heritage) == Path(job.subject)
+    return False
 
 
 def undecided() -> list[Path]:
@@ -170,18 +201,55 @@ def cancel() -> None:
     running[0].cancel()
 
 
-def continue_last() -> None:
-    """Start the last job again, with the same command; the engine continues with the work that is finished.
+def continue_stopped(number: int) -> None:
+    """Start a stopped job again, with the same command; the engine continues with the work that is finished.
+
+    While another job runs, it waits for that one.
+
+    Parameters
+    ----------
+    number : int
+        Number of the job in `stopped`.
 
     Raises
     ------
     HeritageError
-        When there is no job, it is still running, or it cannot be started.
+        When there is no such job, or it cannot be started.
     """
-    last = current()
-    if last is None or last[1].running:
+    job = _stopped_job(number)
+    start_command(job.kind, Path(job.subject), job.command)
+    # Only now: until then, an error leaves the job where the user can continue it.
+    _no_longer_stopped(job)
+
+
+def leave_stopped(number: int) -> None:
+    """Do not offer to continue a stopped job any more; its finished work stays in the project.
+
+    Raises
+    ------
+    ProjectError
+        When there is no such job.
+    """
+    _no_longer_stopped(_stopped_job(number))
+
+
+def _stopped_job(number: int) -> Job:
+    if not 0 <= number < len(_stopped):
         raise ProjectError("There is no stopped job to continue.")
-    start_command(last[0].kind, Path(last[0].subject), last[0].command)
+    return _stopped[number]
+
+
+def _no_longer_stopped(job: Job) -> None:
+    if job in _stopped:
+        _stopped.remove(job)
+        job.mark_taken()
+
+
+def _is_continued_by(job: Job, kind: str, subject: Path, command: Sequence[str]) -> bool:
+    """Return whether a new job does what a stopped one left undone."""
+    is_same = (job.kind, job.subject) == (kind, str(subject))
+    # Photos are reconstructed into a project once, whatever the options: the import resumes.
+    return is_same and (kind == "reconstruct" or job.command == list(command))
 
 
 def take_in(number: int) -> None:
@@ -223,13 +291,17 @@ def _is_running() -> bool:
 
 def _launch(kind: str, subject: Path, command: Sequence[str]) -> Job:
     global _job
+    folder = _folder_for(kind, subject)
     _job = Job.start(
         list(command),
-        _folder_for(kind, subject),
+        folder,
         kind=kind,
         subject=str(subject),
         environment=current_environment(),
     )
+    _seen_in_file[folder] = _file_number
+    for job in [one for one in _stopped if _is_continued_by(one, kind, subject, command)]:
+        _no_longer_stopped(job)
     return _job
 
 
@@ -265,16 +337,22 @@ def _poll_job() -> float | None:
     _poll_next()
     if _job is ended:
         return None
-    if state.error and state.error_type != "PromptError":
-        # The panels show the next job already. They show a refusal, with its candidates, all the same.
+    if state.error and ended not in _stopped and state.error_type != "PromptError":
+        # The panels show the next job already. They show stopped jobs, and a refusal with its candidates, all the same.
         problems.show(f"{Path(ended.subject).name}: {problems.plain_text(state.error)}")
     return _POLL_INTERVAL
 
 
 def _take_end(job: Job, state: JobState) -> None:
     """Import the result of a job that has ended, or ask where it belongs."""
-    if not state.finished or job.is_taken():
-        job.mark_taken()
+    if job.is_taken():
+        return
+    if not state.finished:
+        if job.kind in PROJECT_KINDS and state.error_type != "PromptError":
+            # Not taken: it can be continued also after Blender was closed.
+            _stopped.append(job)
+        else:
+            job.mark_taken()
         return
     if job.kind not in PROJECT_KINDS:
         _import(job, state, bpy.context.scene)
@@ -321,7 +399,9 @@ def _find_jobs() -> None:
     if _job is not None or _found:
         return
     jobs = [job for folder in sorted(user_folder("jobs").iterdir()) if (job := Job.attach(folder)) is not None]
-    _found.extend(job for job in jobs if not job.is_taken())
+    known_folders = {job.folder for job in (*_stopped, *_undecided)}
+    _found.extend(job for job in jobs if not job.is_taken() and job.folder not in known_folders)
+    _seen_in_file.update((job.folder, _file_number) for job in _found)
     known = {one.file for one in _queue}
     _queue.extend(one for one in WaitingJob.stored(user_folder(_WAITING)) if one.file not in known)
     if _found or _queue:
@@ -339,15 +419,23 @@ def _search() -> None:
     _search_timer.start(0.5, persistent=True)
 
 
+def _after_loading() -> None:
+    """Leave what was told of the former file, and search for jobs."""
+    global _file_number
+    _file_number += 1
+    problems.clear()
+    _search()
+
+
 def register() -> None:
     """Search for jobs of an earlier session, now and after each file that is loaded."""
     if not bpy.app.background:
         _search()
-        add_load_handler(_search)
+        add_load_handler(_after_loading)
 
 
 def unregister() -> None:
     """Stop polling. The job itself keeps running."""
-    remove_handler(_search)
+    remove_handler(_after_loading)
     _poll_timer.stop()
     _search_timer.stop()

@@ -90,8 +90,8 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         column = layout.column(align=True)
         column.prop(properties, "prompt", text="", placeholder="vase, teapot")
         isolate = column.column()
-        # The next step, until there are objects.
-        isolate.scale_y = 1.0 if heritage_objects(context.scene, "OBJECT") else _NEXT_STEP_HEIGHT
+        # Always: when a job brings the first objects, no button may move under the pointer.
+        isolate.scale_y = _NEXT_STEP_HEIGHT
         isolate.operator("heritage.isolate", text="Isolate", icon="VIEWZOOM").prompt = properties.prompt
         column = layout.column(align=True)
         column.operator("heritage.click_object", text="Click Object", icon="EYEDROPPER").refine = False
@@ -111,7 +111,7 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         if obj is not None:
             _draw_object(layout, obj)
         export = layout.column()
-        export.scale_y = _NEXT_STEP_HEIGHT if heritage_objects(context.scene, "OBJECT") else 1.0
+        export.scale_y = _NEXT_STEP_HEIGHT
         export.operator("heritage.export_objects", text="Export Objects", icon="EXPORT")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
 from ..engine.jobs import Job, JobState
@@ -11,6 +13,7 @@ from .cameras import current_photo
 from .curve import stored_curve
 from .default_objects import untouched_defaults
 from .first_view import CATEGORY
+from .job_names import job_name
 from .layouts import draw_curve, draw_job, draw_text
 from .moved_projects import is_missing
 from .open_projects import is_open_elsewhere
@@ -21,7 +24,8 @@ from .translations import translated
 
 __all__ = ["CLASSES"]
 
-_NEXT_STEP_HEIGHT = 1.6
+_STATUS_SHARE = 0.65
+"""Share of the width of the first row that the name of a stopped job gets, beside its button."""
 _HEALTH_ICONS = {"yellow": "INFO", "red": "ERROR"}
 """Colours of the cameras' health that are shown; nothing is said of green ones."""
 
@@ -42,14 +46,8 @@ class HERITAGE_PT_scene(bpy.types.Panel):
         properties: HeritageScene = context.scene.heritage
         if draw_set_up(layout):
             return
-        _draw_status(layout)
-        for problem in (job_runner.problem(), problems.shown()):
-            if problem:
-                draw_text(layout, problem, icon="ERROR")
-        _draw_undecided(layout, is_new_scene=not properties.project)
+        _draw_status(layout, context.scene)
         column = layout.column(align=True)
-        if not properties.project:
-            column.scale_y = _NEXT_STEP_HEIGHT
         column.operator("heritage.import_photo_folder", icon="IMAGE_DATA")
         column.operator("heritage.open_project", icon="FILE_FOLDER")
         if properties.project and untouched_defaults(context.scene):
@@ -58,26 +56,53 @@ class HERITAGE_PT_scene(bpy.types.Panel):
             _draw_project(layout, context.scene)
 
 
-def _draw_status(layout: bpy.types.UILayout) -> None:
-    """Draw one row, always, so that the buttons below stay where they are."""
-    current = job_runner.current()
+def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """Draw one row, always, so that the buttons below stay where they are. The panel *Progress* has the details."""
+    current, waiting = job_runner.current(), job_runner.waiting()
     row = layout.row(align=True)
-    if current is None:
-        row.label(text="Ready", icon="CHECKMARK")
-        return
-    job, state = current
-    if state.running:
-        row.progress(factor=state.fraction, text=state.progress_line())
+    if current is not None and current[1].running:
+        row.progress(factor=current[1].fraction, text=_running_text(current[1]))
         row.operator("heritage.cancel_job", text="", icon="CANCEL")
-    elif state.error_type == "PromptError":
+        return
+    stopped = job_runner.stopped(scene)
+    state = current[1] if current is not None and job_runner.belongs_to(current[0], scene) else None
+    if stopped:
+        number, job, _ = stopped[0]
+        row = row.split(factor=_STATUS_SHARE, align=True)
+        row.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
+        row.operator("heritage.continue_job", text="Continue").number = number
+    elif waiting:
+        row.label(text=_waiting_text(), icon="SORTTIME")
+    elif state is not None and state.error_type == "PromptError":
         row.label(text="Not found, see Objects", icon="QUESTION")
-    elif state.error:
-        row.label(text="Stopped", icon="ERROR")
-        if job.kind in PROJECT_KINDS:
-            row.operator("heritage.continue_job", text="Continue", icon="PLAY")
-        draw_text(layout, state.error)
+    elif _problems(scene):
+        row.label(text="Something is wrong, see Progress", icon="ERROR")
+    elif job_runner.undecided():
+        row.label(text="Done, see Progress", icon="QUESTION")
+    elif state is None:
+        row.label(text="Ready", icon="CHECKMARK")
     else:
         row.label(text="Done", icon="CHECKMARK")
+
+
+def _running_text(state: JobState) -> str:
+    # Both have no room in a sidebar of the usual width; the panel Progress has the stage.
+    return f"{state.fraction:.0%}   {_waiting_text()}" if job_runner.waiting() else state.progress_line()
+
+
+def _waiting_text() -> str:
+    waiting = job_runner.waiting()
+    names = [job_name(one.kind, one.subject, one.command) for one in waiting]
+    return translated("+{} waiting: {}", len(names), ", ".join(names))
+
+
+def _problems(scene: bpy.types.Scene) -> list[str]:
+    """Return what is wrong, apart from stopped jobs."""
+    found = [job_runner.problem(), problems.shown()]
+    current = job_runner.current()
+    if current is not None and current[0].kind not in PROJECT_KINDS and current[1].error not in found:
+        found.append(current[1].error)
+    return [problem for problem in found if problem]
 
 
 def _draw_undecided(layout: bpy.types.UILayout, *, is_new_scene: bool) -> None:
@@ -134,18 +159,35 @@ class HERITAGE_PT_progress(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether there is a job of a project; an error is shown above."""
-        return _shown_job() is not None or bool(job_runner.waiting())
+        """Return whether there is anything to tell about jobs."""
+        scene = context.scene
+        told = (_shown_job() is not None, job_runner.waiting(), job_runner.stopped(scene), job_runner.undecided())
+        return any(told) or bool(_problems(scene))
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
+        scene = context.scene
+        for problem in _problems(scene):
+            draw_text(self.layout, problem, icon="ERROR")
+        for number, job, state in job_runner.stopped(scene):
+            _draw_stopped(self.layout.box(), number, job, state)
+        _draw_undecided(self.layout, is_new_scene=not scene.heritage.project)
         shown = _shown_job()
         if shown is not None:
             draw_job(self.layout, *shown)
         for number, one in enumerate(job_runner.waiting()):
             row = self.layout.row(align=True)
-            row.label(text=translated("Then: {} {}", one.kind, one.subject.name), icon="SORTTIME")
+            name = job_name(one.kind, one.subject, one.command)
+            row.label(text=translated("Then: {} ({})", name, one.subject.name), icon="SORTTIME")
             row.operator("heritage.drop_job", text="", icon="X").number = number
+
+
+def _draw_stopped(box: bpy.types.UILayout, number: int, job: Job, state: JobState) -> None:
+    box.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
+    draw_text(box, state.error)
+    row = box.row(align=True)
+    row.operator("heritage.continue_job", text="Continue", icon="PLAY").number = number
+    row.operator("heritage.leave_job", text="Leave").number = number
 
 
 def _shown_job() -> tuple[Job, JobState] | None:

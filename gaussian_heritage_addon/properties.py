@@ -15,6 +15,14 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..engine.errors import ObjectError, ProjectError
 from ..engine.project_content import load_level
 from ..engine.records import MuseumRecord
+from .selection import (
+    active_object,
+    follow_selection,
+    heritage_objects,
+    select_object,
+    set_active_object,
+    view_layer_of,
+)
 from .splat_nodes import AS_TRAINED, THRESHOLD, set_display_input
 from .splats import SplatScene
 from .typed_properties import blender_properties
@@ -30,6 +38,8 @@ __all__ = [
     "apply_blending",
     "apply_photo_opacity",
     "apply_visibility",
+    "follow_eyes",
+    "follow_selection",
     "heritage_objects",
     "loading",
     "photo_alpha",
@@ -42,6 +52,7 @@ __all__ = [
     "set_active_object",
     "set_record_writer",
     "unregister",
+    "view_layer_of",
     "view_transform_of",
 ]
 
@@ -55,36 +66,6 @@ COUNT_KEY = "heritage_count"
 It can differ from the number of vertices, since the mesh may have been edited."""
 _MAX_SCENE_COUNT = 1 << 26
 """Largest number of Gaussians of a scene: tables of this length are made before its files are read."""
-
-
-def heritage_objects(scene: bpy.types.Scene, role: str | None = None) -> list[bpy.types.Object]:
-    """Return the splat objects of `scene` with the `role` ``"SCENE"`` or ``"OBJECT"``, by default with either."""
-    roles = {role} if role else {"SCENE", "OBJECT"}
-    return [obj for obj in scene.objects if obj.heritage.role in roles]
-
-
-def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the isolated object selected in the panel's list, or None."""
-    wanted: HeritageScene = scene.heritage
-    if not wanted.active_name:
-        return None
-    found = [obj for obj in heritage_objects(scene, "OBJECT") if obj.heritage.object_id == wanted.active_id]
-    # A copy has the same id; an object that was renamed has another name.
-    return next((obj for obj in found if obj.name == wanted.active_name), found[0] if found else None)
-
-
-def set_active_object(scene: bpy.types.Scene, obj: bpy.types.Object | None) -> None:
-    """Select `obj` in the panel's list; nothing is selected when it is no isolated object of `scene`."""
-    known = obj if obj in heritage_objects(scene, "OBJECT") else None
-    scene.heritage.active_name = "" if known is None else known.name
-    scene.heritage.active_id = "" if known is None else known.heritage.object_id
-
-
-def select_object(scene: bpy.types.Scene, object_id: str) -> None:
-    """Select the isolated object `object_id` in the panel's list."""
-    for obj in heritage_objects(scene, "OBJECT"):
-        if obj.heritage.object_id == object_id:
-            set_active_object(scene, obj)
 
 
 def project_of(properties: HeritageScene | HeritageObject) -> Path:
@@ -167,19 +148,53 @@ def show_level(obj: bpy.types.Object) -> None:
 def apply_visibility(scene: bpy.types.Scene) -> None:
     """Show either a whole scene or its objects: showing both would draw their Gaussians twice.
 
-    An object whose own scene is not in `scene`, such as one appended from another file, stays visible.
+    An object whose own scene is not in `scene`, such as one appended from another file, stays visible. The eye of the
+    list is that of Blender's outliner. What was selected stays selected when it is shown again.
     """
+    chosen = active_object(scene)
+    objects = heritage_objects(scene)
+    for obj, replaced in zip(objects, _are_replaced(scene, objects), strict=True):
+        obj.hide_viewport, obj.hide_render = replaced, replaced or obj.heritage.hidden
+        for layer in scene.view_layers:
+            if layer.objects.get(obj.name) == obj and obj.hide_get(view_layer=layer) != obj.heritage.hidden:
+                obj.hide_set(obj.heritage.hidden, view_layer=layer)
+    layer = view_layer_of(scene)
+    if chosen is not None and layer.objects.active == chosen and chosen.visible_get(view_layer=layer):
+        chosen.select_set(True, view_layer=layer)
+
+
+def _are_replaced(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> list[bool]:
+    """Return of each splat object whether others are shown in its place."""
     shows_objects = scene.heritage.show == "OBJECTS"
-    wholes = {_project_name(obj) for obj in heritage_objects(scene, "SCENE")}
-    parted = {_project_name(obj) for obj in heritage_objects(scene, "OBJECT")}
+    wholes = {_project_name(obj) for obj in objects if obj.heritage.role == "SCENE"}
+    parted = {_project_name(obj) for obj in objects if obj.heritage.role == "OBJECT"}
     if scene.heritage.project:
         parted.add(bpy.path.abspath(scene.heritage.project))
-    for obj in heritage_objects(scene):
+    replaced = []
+    for obj in objects:
         project = _project_name(obj)
         is_whole = obj.heritage.role == "SCENE"
         # Splats without a project, of a file of any program, belong to no others.
-        replaced = project in parted and shows_objects if is_whole else project in wholes and not shows_objects
-        obj.hide_render = obj.hide_viewport = obj.heritage.hidden or (bool(project) and replaced)
+        has_other = project in parted and shows_objects if is_whole else project in wholes and not shows_objects
+        replaced.append(bool(project) and has_other)
+    return replaced
+
+
+def follow_eyes(scene: bpy.types.Scene) -> None:
+    """Take over the eyes of Blender's outliner, which H and Alt+H change as well, into the list of `scene`."""
+    layer, objects = view_layer_of(scene), heritage_objects(scene)
+    changed = [
+        obj
+        for obj in objects
+        if layer.objects.get(obj.name) == obj and obj.hide_get(view_layer=layer) != obj.heritage.hidden
+    ]
+    if not changed:
+        return
+    for obj, replaced in zip(objects, _are_replaced(scene, objects), strict=True):
+        # Earlier releases closed an eye by disabling the object in viewports.
+        if obj in changed and not (obj.heritage.hidden and obj.hide_viewport and not replaced):
+            obj.heritage.hidden = obj.hide_get(view_layer=layer)
+    apply_visibility(scene)
 
 
 def _project_name_of(properties: HeritageScene) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..engine.scene import box_of
 from .guards import Timer
+from .properties import active_object
 from .solid_mode import redraw_viewports
 from .splats import SplatScene
 from .world_placement import drawn_matrix, world_matrix
@@ -44,11 +45,12 @@ def shown_box(obj: bpy.types.Object) -> Box | None:
 def draw_boxes(context: bpy.types.Context, boxes: dict[str, Box | None]) -> None:
     """Draw the boxes, by the names of their objects, of those that are selected or flash."""
     theme, now = context.preferences.themes[0].view_3d, time.monotonic()
+    chosen = active_object(context.scene)
     for name, box in boxes.items():
         obj = bpy.data.objects[name]
         ends = _flashing.get(name, 0.0)
         blinks = now < ends and int((ends - now) / _BLINK_SECONDS) % 2 == 0
-        if box is None or not (blinks or obj.select_get()):
+        if box is None or not (blinks or obj == chosen or obj.select_get()):
             continue
         is_active = obj == context.view_layer.objects.active
         color = theme.object_active if is_active else theme.object_selected

@@ -27,6 +27,7 @@ __all__ = [
     "display_input",
     "renew_display",
     "set_display_input",
+    "show_in_edit_mode",
 ]
 
 DISPLAY = "Gaussian Splats"
@@ -61,6 +62,14 @@ def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
     """Add the modifier that draws `obj`, a mesh with the attributes described in `splats`."""
     modifier = obj.modifiers.new(DISPLAY, "NODES")
     modifier.node_group = _display_group(sh_degree)
+    show_in_edit_mode(obj, shapes=False)
+
+
+def show_in_edit_mode(obj: bpy.types.Object, *, shapes: bool) -> None:
+    """Let Blender draw the shapes in Edit Mode too, or nothing: the corners of the bounds would look like Gaussians."""
+    modifier = obj.modifiers.get(DISPLAY)
+    if modifier is not None and modifier.show_in_editmode != shapes:
+        modifier.show_in_editmode = shapes
 
 
 def renew_display(obj: bpy.types.Object, sh_degree: int) -> None:

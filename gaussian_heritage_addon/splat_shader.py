@@ -19,7 +19,10 @@ vec4 entry(sampler2D list, int number) {{ return texelFetch(list, ivec2(number %
 _VERTEX = """
 void main()
 {
-  int row = int(entry(order, gl_InstanceID).x + 0.5);
+  // A negative number stands for a Gaussian that is selected.
+  float number = entry(order, gl_InstanceID).x;
+  float tinted = number < 0.0 ? tint.a : 0.0;
+  int row = int((number < 0.0 ? -1.0 - number : number) + 0.5);
   vec4 center = entry(shapes, 3 * row);            // position; opacity
   vec4 first = entry(shapes, 3 * row + 1);         // covariance: xx, xy, xz, yy
   vec4 second = entry(shapes, 3 * row + 2);        // yz, zz; number of the object
@@ -80,7 +83,7 @@ void main()
     total += 1.445305721320277 * z * (x * x - y * y) * entry(colors, base + 14).xyz;
     total += -0.5900435899266435 * x * (x * x - 3.0 * y * y) * entry(colors, base + 15).xyz;
   }
-  color = max(total, 0.0);
+  color = mix(max(total, 0.0), tint.rgb, tinted);
 }
 """
 
@@ -100,6 +103,7 @@ def splat_shader() -> gpu.types.GPUShader:
     """Return the shader of the Gaussians.
 
     Its instances draw a square with the corners ``corner``, (-1, -1) to (1, 1), for each entry of the list ``order``.
+    A selected Gaussian has the entry ``-1 - row``; its colour is mixed with ``tint`` by the share ``tint.a``.
     The lists are textures of `TEXTURE_WIDTH` columns. The picture is premultiplied, in sRGB values, as in training.
     """
     info = gpu.types.GPUShaderCreateInfo()
@@ -113,6 +117,7 @@ def splat_shader() -> gpu.types.GPUShader:
     info.push_constant("BOOL", "perspective")
     info.push_constant("BOOL", "is_hidden")
     info.push_constant("VEC2", "depth_row")
+    info.push_constant("VEC4", "tint")
     info.vertex_in(0, "VEC2", "corner")
     between = gpu.types.GPUStageInterfaceInfo("heritage_splats")
     between.smooth("VEC2", "place")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
 from ..engine.formats import rotations_from_quats
+from .edited_splats import EditedSplats
 from .splat_order import mean_areas, visible_radii
 from .splat_shader import TEXTURE_WIDTH
 from .splats import SplatScene
@@ -46,7 +47,7 @@ class Part:
     checksum: int
 
     @classmethod
-    def of(cls, splats: SplatScene) -> Part:
+    def of(cls, splats: SplatScene | EditedSplats) -> Part:
         """Return the Gaussians of an object of Blender.
 
         Raises
@@ -62,7 +63,7 @@ class Part:
         )
 
 
-def checksum(splats: SplatScene) -> int:
+def checksum(splats: SplatScene | EditedSplats) -> int:
     """Return a number that changes with whatever is drawn of an object of Blender, apart from its threshold.
 
     Blender says that the mesh has changed also after a change of the threshold, which is an input of its modifier. To
@@ -94,7 +95,7 @@ class Tables:
     shapes, colors : GPUTexture
     """
 
-    def __init__(self, objects: Sequence[SplatScene], parts: Sequence[Part]) -> None:
+    def __init__(self, objects: Sequence[SplatScene | EditedSplats], parts: Sequence[Part]) -> None:
         self.parts = list(parts)
         self.starts = [0, *np.cumsum([len(part.means) for part in parts]).tolist()]
         self.n_coefficients = max((splats.sh_degree + 1) ** 2 for splats in objects)
@@ -110,7 +111,7 @@ class Tables:
         self.colors = _texture(colors, "RGBA16F")
 
 
-def _fill_shapes(shapes: Float32, splats: SplatScene, number: int) -> None:
+def _fill_shapes(shapes: Float32, splats: SplatScene | EditedSplats, number: int) -> None:
     base = splats.attribute("radiance:base")
     shapes[:, :3], shapes[:, 3], shapes[:, 10] = splats.attribute("position"), base[:, 3], number
     quats, scales = splats.attribute("rotation"), splats.attribute("scale")
@@ -121,7 +122,7 @@ def _fill_shapes(shapes: Float32, splats: SplatScene, number: int) -> None:
         shapes[rows, 4:10] = covariance[:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
 
 
-def _fill_colors(colors: Float32, splats: SplatScene) -> None:
+def _fill_colors(colors: Float32, splats: SplatScene | EditedSplats) -> None:
     colors[:, 0, :3] = splats.attribute("radiance:base")[:, :3]
     for k in range(1, (splats.sh_degree + 1) ** 2):
         colors[:, k, :3] = splats.attribute(f"radiance:sh_{k - 1}")

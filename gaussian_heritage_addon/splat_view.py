@@ -19,16 +19,18 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from .display_settings import renew_displays
+from .edited_splats import EditedSplats, edited_splats, is_editing_splats, vertex_flags
 from .guards import (
     Timer,
     add_change_handler,
     add_draw_handler,
     add_load_handler,
+    add_update_handler,
     remove_change_handler,
     remove_draw_handler,
     remove_handler,
 )
-from .properties import heritage_objects, photo_of
+from .properties import active_object, heritage_objects, photo_of
 from .solid_mode import redraw_viewports
 from .splat_boxes import Box, draw_boxes, shown_box
 from .splat_order import View, draw_order
@@ -37,7 +39,7 @@ from .splat_tables import Part, Tables, checksum, list_texture
 from .splats import SplatScene
 from .world_placement import drawn_matrix
 
-__all__ = ["Detail", "draw_to", "is_software", "register", "tables_of", "unregister"]
+__all__ = ["Detail", "draw_to", "is_software", "register", "shown_splats", "tables_of", "unregister"]
 
 _REST = 0.25
 """Seconds without a change after which the view is taken to rest."""
@@ -49,6 +51,8 @@ _DOT_SIZE = 1.6
 """Half the size of a point in pixels."""
 _OPAQUE = frozenset(("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD"))
 """Types of objects that may hide splats."""
+_TINT = 0.65
+"""Share of the theme's colour of selected vertices in the colour of a selected Gaussian."""
 _CORNERS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
 
 
@@ -69,6 +73,10 @@ class Detail:
     share: float = 1.0
     n_sh: int = 16
     is_points: bool = False
+
+
+_Flags = tuple[NDArray[np.bool_], NDArray[np.bool_]]
+"""Which Gaussians of an object in Edit Mode are selected, and which are hidden."""
 
 
 @dataclass
@@ -101,12 +109,15 @@ class _State:
 
     parts: dict[str, Part] = field(default_factory=dict)
     versions: dict[str, int] = field(default_factory=dict)
+    edited: dict[str, int] = field(default_factory=dict)
     doubtful: set[str] = field(default_factory=set)
     tables: Tables | None = None
     tables_of: Any = None
     boxes: dict[str, tuple[Any, Box | None]] = field(default_factory=dict)
     pictures: dict[int, _Picture] = field(default_factory=dict)
     programs: tuple[Any, Any, Any, Any] | None = None
+    n_updates: int = 0
+    flags: dict[str, tuple[int, _Flags]] = field(default_factory=dict)
 
 
 _state = _State()
@@ -123,8 +134,13 @@ def _forget(changed: list[bpy.types.ID]) -> None:
     _state.doubtful.update(data.name_full for data in changed if isinstance(data, bpy.types.Mesh))
 
 
+def _count_update() -> None:
+    _state.n_updates += 1
+
+
 def _forget_all() -> None:
     """Forget everything but the programs."""
+    _state.flags.clear()
     _state.parts.clear()
     _state.doubtful.clear()
     _state.boxes.clear()
@@ -139,36 +155,63 @@ def _begin_file() -> None:
     _start()
 
 
-def _shown(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Return the splats that the viewport shows; in Edit Mode Blender draws them."""
+def shown_splats(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the splats that the viewport of `context` shows, also in Edit Mode."""
     return [
         obj
         for obj in heritage_objects(context.scene)
-        if obj.mode != "EDIT"
-        and SplatScene.is_splats(obj)
+        if SplatScene.is_splats(obj)
         and len(obj.data.vertices)
         and obj.visible_get(view_layer=context.view_layer, viewport=context.space_data)
     ]
 
 
+def _source(obj: bpy.types.Object) -> SplatScene | EditedSplats | None:
+    """Return what the Gaussians of an object are read from; None where they cannot be read yet."""
+    return edited_splats(obj) if is_editing_splats(obj) else SplatScene.of(obj)
+
+
 def tables_of(objects: list[bpy.types.Object]) -> Tables:
-    """Return the Gaussians of `objects` as lists on the card, which are kept until one of them changes."""
+    """Return the Gaussians of `objects` as lists on the card, which are kept until one of them changes.
+
+    Objects in Edit Mode must be read already, see `edited_splats`.
+    """
     names = [obj.data.name_full for obj in objects]
-    for obj, name in zip(objects, names, strict=True):
-        part, splats = _state.parts.get(name), SplatScene.of(obj)
-        if (
-            part is None
-            or len(part.means) != len(obj.data.vertices)
-            or (name in _state.doubtful and checksum(splats) != part.checksum)
-        ):
-            _state.parts[name] = Part.of(splats)
+    sources = [source for source in map(_source, objects) if source is not None]
+    for name, source in zip(names, sources, strict=True):
+        part = _state.parts.get(name)
+        if part is None or _has_changed(name, part, source):
+            _state.parts[name] = Part.of(source)
             _state.versions[name] = _state.versions.get(name, 0) + 1
-        _state.doubtful.discard(name)
+        if isinstance(source, SplatScene):
+            _state.doubtful.discard(name)
+            _state.edited.pop(name, None)
+        else:
+            _state.edited[name] = source.version
     wanted = tuple((name, _state.versions[name]) for name in names)
     if _state.tables is None or _state.tables_of != wanted:
-        every = [SplatScene.of(obj) for obj in objects]
-        _state.tables, _state.tables_of = Tables(every, [_state.parts[name] for name in names]), wanted
+        _state.tables, _state.tables_of = Tables(sources, [_state.parts[name] for name in names]), wanted
     return _state.tables
+
+
+def _has_changed(name: str, part: Part, source: SplatScene | EditedSplats) -> bool:
+    if isinstance(source, EditedSplats):
+        return _state.edited.get(name) != source.version and checksum(source) != part.checksum
+    if len(part.means) != len(source.object.data.vertices):
+        return True
+    return (name in _state.doubtful or name in _state.edited) and checksum(source) != part.checksum
+
+
+def _flags_of(obj: bpy.types.Object, count: int) -> _Flags:
+    """Return which of the `count` Gaussians of an object in Edit Mode are selected and hidden, read after a change."""
+    known = _state.flags.get(obj.name)
+    if known is None or known[0] != _state.n_updates or len(known[1][0]) != count:
+        # The picture may be older than the vertices, where some were added or deleted.
+        both = [np.zeros(count, bool), np.zeros(count, bool)]
+        for flags, read in zip(both, vertex_flags(obj), strict=True):
+            flags[: len(read)] = read[:count]
+        known = _state.flags[obj.name] = _state.n_updates, (both[0], both[1])
+    return known[1]
 
 
 def _draw() -> None:
@@ -177,7 +220,7 @@ def _draw() -> None:
     settings, region, view = context.scene.heritage_display, context.region, context.region_data
     if settings.kind == "SHAPES" or view is None:
         return
-    objects = _shown(context)
+    objects = [obj for obj in shown_splats(context) if _source(obj) is not None]
     if not objects:
         return
     # A new picture takes its place.
@@ -200,10 +243,15 @@ def _draw() -> None:
         _forget_closed_regions()
         picture.offscreen, picture.shown = gpu.types.GPUOffScreen(*size, format="RGBA16F"), None
         _state.pictures[region.as_pointer()] = picture
-    shown = seen, _state.tables_of, detail
+    flags = {
+        obj.name: _flags_of(obj, len(part.means))
+        for obj, part in zip(objects, tables.parts, strict=True)
+        if is_editing_splats(obj)
+    }
+    shown = seen, _state.tables_of, detail, _state.n_updates if flags else 0
     # Other objects may have moved.
     if picture.shown != shown or scene_depth is not None or picture.has_depth:
-        draw_to(picture.offscreen, tables, objects, view.view_matrix, view.window_matrix, detail, scene_depth)
+        draw_to(picture.offscreen, tables, objects, view.view_matrix, view.window_matrix, detail, scene_depth, flags)
         picture.shown, picture.has_depth = shown, scene_depth is not None
     if coarse:
         _rest_timer.start(_REST)
@@ -215,8 +263,17 @@ def _draw() -> None:
         copy.uniform_sampler("finished", picture.offscreen.texture_color)
         copy.uniform_float("strength", _strength(context, view))
         copy_batch.draw(copy)
-        draw_boxes(context, {obj.name: _box(obj) for obj in objects})
+        draw_boxes(context, {obj.name: _box(obj) for obj in _boxed(context, objects)})
         gpu.state.blend_set("NONE")
+
+
+def _boxed(context: bpy.types.Context, objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Return the objects that may have a box: those that are shown, and the one of the list that the scene replaces."""
+    chosen = active_object(context.scene)
+    boxed = [obj for obj in objects if not is_editing_splats(obj)]
+    if chosen is not None and chosen not in objects and not chosen.heritage.hidden and SplatScene.is_splats(chosen):
+        boxed.append(chosen)
+    return boxed
 
 
 def _detail(settings: Any, tables: Tables, *, coarse: bool) -> Detail:
@@ -259,7 +316,8 @@ def _scene_depth(
 def _box(obj: bpy.types.Object) -> Box | None:
     """Return the box around what is shown of an object, computed again only when that has changed."""
     name = obj.data.name_full
-    shown = _state.versions[name], obj.heritage.threshold
+    # One that was never drawn has no version.
+    shown = _state.versions.get(name), len(obj.data.vertices), obj.heritage.threshold
     if name not in _state.boxes or _state.boxes[name][0] != shown:
         _state.boxes[name] = shown, shown_box(obj)
     return _state.boxes[name][1]
@@ -273,6 +331,7 @@ def draw_to(
     window_matrix: Matrix,
     detail: Detail,
     scene_depth: gpu.types.GPUTexture | None = None,
+    flags: dict[str, _Flags] | None = None,
 ) -> None:
     """Draw `objects`, whose Gaussians are in `tables`, seen by a view, into a picture.
 
@@ -286,13 +345,15 @@ def draw_to(
     detail : Detail
     scene_depth : GPUTexture, optional
         Depth, 0 to 1, beyond which nothing is drawn.
+    flags : dict, optional
+        By name of an object in Edit Mode: which of its Gaussians are selected, and are tinted, and which are hidden.
     """
     window = window_matrix
     is_perspective = window[3][3] == 0.0
     column = 2 if is_perspective else 3
     view = View((window[0][0], window[1][1]), (window[0][column], window[1][column]), is_perspective)
     placements = [view_matrix @ drawn_matrix(obj) for obj in objects]
-    order = _order(tables, objects, placements, view, detail.share)
+    order = _order(tables, objects, placements, view, detail.share, flags or {})
     rows = np.zeros((len(objects), 4, 4), np.float32)
     for number, placement in enumerate(placements):
         rows[number, :3] = np.array(placement)[:3]
@@ -307,7 +368,7 @@ def draw_to(
         gpu.state.depth_test_set("NONE")
         program.bind()
         lists = (
-            list_texture(order.astype(np.float32)),
+            list_texture(order),
             tables.shapes,
             tables.colors,
             list_texture(rows.reshape(-1, 4)),
@@ -317,6 +378,7 @@ def draw_to(
         # A sampler must be set, even where it is not read.
         program.uniform_sampler("scene_depth", lists[0] if scene_depth is None else scene_depth)
         program.uniform_bool("is_hidden", [scene_depth is not None])
+        program.uniform_float("tint", _tint())
         program.uniform_float("depth_row", (window[2][2], window[2][3]))
         program.uniform_float("scale_shift", (*view.scale, *view.shift))
         program.uniform_float("size", (offscreen.width, offscreen.height))
@@ -335,13 +397,24 @@ def _eye(placement: Matrix, is_perspective: bool) -> tuple[float, float, float]:
     return tuple(eye)
 
 
+def _tint() -> tuple[float, float, float, float]:
+    red, green, blue = bpy.context.preferences.themes[0].view_3d.vertex_select[:3]
+    return red, green, blue, _TINT
+
+
 def _order(
-    tables: Tables, objects: list[bpy.types.Object], placements: list[Matrix], view: View, share: float
-) -> NDArray[np.intp]:
+    tables: Tables,
+    objects: list[bpy.types.Object],
+    placements: list[Matrix],
+    view: View,
+    share: float,
+    flags: dict[str, _Flags],
+) -> NDArray[np.float32]:
+    """Return the list of what is drawn, the farthest first, for the shader."""
     centers = np.empty((tables.starts[-1], 3), np.float32)
     radii = np.empty(len(centers), np.float32)
     weights = np.empty(len(centers), np.float32)
-    members = np.ones(len(centers), bool)
+    members, selected = np.ones(len(centers), bool), np.zeros(len(centers), bool)
     for start, part, obj, placement in zip(tables.starts, tables.parts, objects, placements, strict=False):
         rows = slice(start, start + len(part.means))
         matrix = np.array(placement, np.float32)
@@ -350,7 +423,11 @@ def _order(
         radii[rows], weights[rows] = part.radii * enlarged, part.weights * enlarged
         if part.membership is not None:
             members[rows] = part.membership >= np.float32(obj.heritage.threshold)
-    return draw_order(centers, radii, weights, view, share=share, members=members)
+        if obj.name in flags:
+            selected[rows], hidden = flags[obj.name]
+            members[rows] &= ~hidden
+    order = draw_order(centers, radii, weights, view, share=share, members=members)
+    return np.where(selected[order], -1.0 - order, order).astype(np.float32)
 
 
 def _programs() -> tuple[Any, Any, Any, Any]:
@@ -397,6 +474,7 @@ def register() -> None:
     if not bpy.app.background:
         _start()
         add_change_handler(_forget)
+        add_update_handler(_count_update)
         add_load_handler(_begin_file)
 
 
@@ -406,6 +484,7 @@ def unregister() -> None:
     _rest_timer.stop()
     _shapes_timer.stop()
     remove_change_handler(_forget)
+    remove_handler(_count_update)
     remove_handler(_begin_file)
     _forget_all()
     _state.programs = None

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -273,6 +274,13 @@ class SplatScene:
         with self._readable_mesh() as mesh:
             return _read(mesh, name)
 
+    def attributes(self) -> dict[str, Float32]:
+        """Return the values of all attributes that are drawn, by name; see `attribute`."""
+        with self._readable_mesh() as mesh:
+            names = ["position", "scale", "rotation", "radiance:base"]
+            names += [f"radiance:sh_{k}" for k in range(self._n_bands(mesh))]
+            return {name: _read(mesh, name) for name in names}
+
     @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0 to 3."""
@@ -308,9 +316,10 @@ class SplatScene:
         if obj.mode != "EDIT":
             yield obj.data
             return
-        obj.update_from_editmode()
+        # The mesh itself is not brought up to date: Blender would tell of that as of a change.
         copy = obj.data.copy()
         try:
+            bmesh.from_edit_mesh(obj.data).to_mesh(copy)
             yield copy
         finally:
             bpy.data.meshes.remove(copy)

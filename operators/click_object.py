@@ -10,30 +10,29 @@ from bpy.props import BoolProperty
 
 from ..engine.errors import HeritageError, ObjectError
 from ..engine.jobs import Click
-from ..gaussian_heritage_addon.click_session import ClickSession, EventResult
+from ..gaussian_heritage_addon.click_session import CONFIRM_KEYS, ClickSession, EventResult
 from ..gaussian_heritage_addon.clicking import Viewport
-from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
 from ..gaussian_heritage_addon.problems import sentence_of
-from ..gaussian_heritage_addon.properties import active_object
+from ..gaussian_heritage_addon.properties import active_object, set_active_object
 from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator
+from .view_tool import ViewTool, end_active_tool
 
 __all__ = ["CLASSES"]
 
 _HELP = pgettext_n(
     "Click: the object   Shift-click: not part of it   Left/Right: other photo   Backspace: remove last click   "
-    "Enter: isolate   Esc: cancel   |   {} on the object, {} beside it"
+    "Enter: done   |   {} on the object, {} beside it"
 )
 
 
 @blender_properties
-class HERITAGE_OT_click_object(SegmentOperator):
+class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
     """Click an object on its photos. Shift-click what is not part of it, and press Enter to finish"""
 
     bl_idname = "heritage.click_object"
     bl_label = "Click Object"
-    _handler = None
 
     refine: Annotated[
         bool,
@@ -50,21 +49,31 @@ class HERITAGE_OT_click_object(SegmentOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Look through the camera of a photo and start the modal operator."""
-        if self.refine and active_object(context.scene) is None:
+        target = active_object(context.scene)
+        if self.refine and target is None:
             raise ObjectError("Select an isolated object in the list first.")
+        self._target = "" if target is None else target.name
+        # Before the view turns to a photo.
+        end_active_tool()
         self._viewport = Viewport.of(context)
-        self._session, self._directions = ClickSession(), dict[Click, tuple[float, float]]()
-        self._handler = add_draw_handler(bpy.types.SpaceView3D, self._draw)
-        context.window_manager.modal_handler_add(self)
-        self._update_header()
+        self._clicks, self._directions = ClickSession(), dict[Click, tuple[float, float]]()
         if self._viewport.photo_problem:
             self.report({"WARNING"}, self._viewport.photo_problem)
-        return {"RUNNING_MODAL"}
+        return self.begin(context)
 
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def tool_name(self) -> str:
+        """Return the label of its button."""
+        return "Correct by Clicks" if self.refine else "Click Object"
+
+    def header(self) -> str:
+        """Return what to do now, and how many clicks there are."""
+        return translated(_HELP, *self._clicks.counts())
+
+    def handle(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Handle one window event."""
-        viewport, session = self._viewport, self._session
-        if not viewport.is_over(event.mouse_x, event.mouse_y):
+        viewport, session = self._viewport, self._clicks
+        # Enter and Escape are meant for the tool wherever the pointer is; other keys may belong to what is under it.
+        if not self.is_in_view(event.mouse_x, event.mouse_y) and event.type not in CONFIRM_KEYS:
             return {"PASS_THROUGH"}
         try:
             result = session.handle(
@@ -83,38 +92,30 @@ class HERITAGE_OT_click_object(SegmentOperator):
             return {"RUNNING_MODAL"}
         if result is EventResult.IGNORED:
             return {"PASS_THROUGH"}
-        if result in (EventResult.CONFIRMED, EventResult.CANCELLED):
+        if result is EventResult.CONFIRMED:
             self.cancel(context)
-            return self._isolate() if result is EventResult.CONFIRMED else {"CANCELLED"}
-        self._update_header()
+            return self._isolate(context)
+        self.show_header()
         return {"RUNNING_MODAL"}
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Clean up, also when Blender cancels the operator, for example when it closes, or an error ended it."""
-        if self._handler is None:
-            return
-        handler, self._handler = self._handler, None
-        remove_draw_handler(bpy.types.SpaceView3D, handler)
-        self._viewport.area.header_text_set(None)
-        self._viewport.area.tag_redraw()
 
     def _click(self, event: bpy.types.Event, wanted: bool) -> Click:
         click, self._directions[click] = self._viewport.click(event.mouse_x, event.mouse_y, wanted)
         return click
 
-    def _draw(self) -> None:
-        # Blender calls this for every 3D viewport.
-        if bpy.context.area == self._viewport.area:
-            self._viewport.draw_marks([(click, self._directions[click]) for click in self._session.clicks])
+    def draw_marks(self) -> None:
+        """Draw the clicks on the photo that is shown."""
+        self._viewport.draw_marks([(click, self._directions[click]) for click in self._clicks.clicks])
 
-    def _update_header(self) -> None:
-        self._viewport.area.header_text_set(translated(_HELP, *self._session.counts()))
-        self._viewport.area.tag_redraw()
-
-    def _isolate(self) -> set[str]:
+    def _isolate(self, context: bpy.types.Context) -> set[str]:
+        if self.refine:
+            # Another object may have been selected since the button was pressed.
+            target = context.scene.objects.get(self._target)
+            if target is None:
+                raise ObjectError(f"{self._target} is not in this scene any more. Select the object to correct again.")
+            set_active_object(context.scene, target)
         clicks = [
             {"name": "", "photo": click.photo, "x": click.x, "y": click.y, "wanted": click.wanted}
-            for click in self._session.clicks
+            for click in self._clicks.clicks
         ]
         try:
             operator = bpy.ops.heritage.refine_object if self.refine else bpy.ops.heritage.isolate

@@ -24,6 +24,14 @@ from .path_drawing import PathOperator
 
 __all__ = ["CLASSES"]
 
+_NAMES = {
+    ("ADD", "LASSO"): "Add by Lasso",
+    ("ADD", "BOX"): "Add by Box",
+    ("TAKE", "LASSO"): "Take by Lasso",
+    ("TAKE", "BOX"): "Take by Box",
+}
+"""Labels of the buttons, by action and shape."""
+
 
 @blender_properties
 class HERITAGE_OT_edit_region(PathOperator):
@@ -67,6 +75,10 @@ class HERITAGE_OT_edit_region(PathOperator):
             options={"SKIP_SAVE"},
         ),
     ]
+
+    def tool_name(self) -> str:
+        """Return the label of its button."""
+        return _NAMES[self.action, self.shape]
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -34,13 +34,11 @@ Float64 = NDArray[np.float64]
 _N_POINTS = {"DISTANCE": 2, "RULER": 2, "NORTH": 2, "ORIGIN": 1, "GROUND": 0}
 """Points of each action; 0: three or more."""
 _HELP = {
-    "DISTANCE": pgettext_n("Click the two ends of the known distance   Esc: cancel"),
-    "RULER": pgettext_n("Click two points   Esc: cancel"),
-    "NORTH": pgettext_n("Click a point, then another one to the north of it   Esc: cancel"),
-    "ORIGIN": pgettext_n("Click the origin   Esc: cancel"),
-    "GROUND": pgettext_n(
-        "Click three or more points of the ground   Backspace: remove the last   Enter: done   Esc: cancel"
-    ),
+    "DISTANCE": pgettext_n("Click the two ends of the known distance"),
+    "RULER": pgettext_n("Click two points"),
+    "NORTH": pgettext_n("Click a point, then another one to the north of it"),
+    "ORIGIN": pgettext_n("Click the origin"),
+    "GROUND": pgettext_n("Click three or more points of the ground   Backspace: remove the last   Enter: done"),
 }
 
 
@@ -88,18 +86,24 @@ class HERITAGE_OT_measure(ViewClickOperator):
         ),
     ]
 
+    def tool_name(self) -> str:
+        """Return the name of the action."""
+        actions = bpy.ops.heritage.measure.get_rna_type().properties["action"].enum_items
+        name: str = actions[self.action].name
+        return name
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for clicks in the view."""
         if self.points_on_photos:
             return self.execute(context)
         self.n_clicks, self.help_text = _N_POINTS[self.action], _HELP[self.action]
         self._splats = SplatsInView.of(context.scene)
-        return super().invoke(context, event)
+        return self.begin_clicks(context)
 
     def add(self, context: bpy.types.Context, ray: tuple[Float64, Float64]) -> None:
         """Take the surface that a click hits."""
         self.points.append(_surface(self._splats, ray))
-        super().add(context, ray)
+        self.rays.append(ray)
 
     def clicked(self, context: bpy.types.Context) -> set[str]:
         """Use the points."""

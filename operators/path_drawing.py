@@ -7,23 +7,28 @@ from typing import Annotated, Any
 import bpy
 import gpu
 import numpy as np
+from bpy.app.translations import pgettext_n
 from bpy.props import EnumProperty
 from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
+from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.typed_properties import blender_properties
+from .view_tool import ViewTool
 
 __all__ = ["PathOperator"]
 
 _COLOR = (1.0, 0.75, 0.2, 1.0)
+_HELP = {
+    "LASSO": pgettext_n("Drag around what you mean"),
+    "BOX": pgettext_n("Drag from one corner of a box to the other"),
+}
 _MIN_STEP = 4
 """Pixels between two corners of a lasso."""
 
 
 @blender_properties
-class PathOperator(bpy.types.Operator):
+class PathOperator(ViewTool, bpy.types.Operator):
     """Collects the corners of a region; a subclass says what they mean."""
 
     shape: Annotated[
@@ -38,48 +43,55 @@ class PathOperator(bpy.types.Operator):
             options={"SKIP_SAVE"},
         ),
     ]
-    _handler: Any = None
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for the mouse button; with arguments of a script, run at once."""
         if self.path:  # type: ignore[attr-defined]
             return self.execute(context)
-        if context.area is None or context.area.type != "VIEW_3D":
-            raise ObjectError("Press the button in the sidebar (N) of a 3D view.")
-        self._area = context.area
-        self._corners: list[tuple[float, float]] = []
-        self._drags = False
-        self._handler = add_draw_handler(bpy.types.SpaceView3D, self._draw)
-        context.window_manager.modal_handler_add(self)
-        self._area.header_text_set("Drag around what you mean   Esc: cancel")
-        return {"RUNNING_MODAL"}
+        return self.begin_path(context, event)
 
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def begin_path(self, context: bpy.types.Context, event: bpy.types.Event | None) -> set[str]:
+        """Begin the region where the mouse was pressed when it is dragged already, or else wait for the button."""
+        self._corners: list[tuple[float, float]] = []
+        self._drags, self._button = False, "LEFTMOUSE"
+        result = self.begin(context)
+        if event is not None and event.value == "CLICK_DRAG":
+            self._drags, self._button = True, event.type
+            self._corners = [self._place(event.mouse_prev_press_x, event.mouse_prev_press_y)]
+            self._move_to(self._place(event.mouse_x, event.mouse_y))
+        return result
+
+    def header(self) -> str:
+        """Return what to do now."""
+        return translated(_HELP[self.shape])
+
+    def handle(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Handle one window event."""
-        region = next(one for one in self._area.regions if one.type == "WINDOW")
-        place = (event.mouse_x - region.x + 0.5, event.mouse_y - region.y + 0.5)
-        if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
-            self.cancel(context)
-            return {"CANCELLED"}
+        place = self._place(event.mouse_x, event.mouse_y)
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
-            if not (0 <= place[0] < region.width and 0 <= place[1] < region.height):
+            if not self.is_in_view(event.mouse_x, event.mouse_y):
                 return {"PASS_THROUGH"}
             self._drags, self._corners = True, [place]
         elif event.type == "MOUSEMOVE" and self._drags:
             self._move_to(place)
-        elif event.type == "LEFTMOUSE" and event.value == "RELEASE" and self._drags:
+        elif event.type == self._button and event.value == "RELEASE" and self._drags:
             self._move_to(place)
-            corners, view = np.array(self._outline(), np.float64), self._area.spaces.active.region_3d
+            corners, region = np.array(self._outline(), np.float64), self.region
+            view = self.area.spaces.active.region_3d
             self.cancel(context)
             return self.drawn(context, region, view, corners)
         else:
             return {"PASS_THROUGH"} if not self._drags else {"RUNNING_MODAL"}
-        self._area.tag_redraw()
+        self.area.tag_redraw()
         return {"RUNNING_MODAL"}
 
     def drawn(self, context: bpy.types.Context, region: Any, view: Any, corners: NDArray[np.float64]) -> set[str]:
         """Return the result of the operator for a region, [C, 2] in pixels from the lower left corner of the view."""
         raise NotImplementedError
+
+    def _place(self, x: int, y: int) -> tuple[float, float]:
+        region = self.region
+        return x - region.x + 0.5, y - region.y + 0.5
 
     def _move_to(self, place: tuple[float, float]) -> None:
         if self.shape == "BOX":
@@ -93,17 +105,9 @@ class PathOperator(bpy.types.Operator):
         (x0, y0), (x1, y1) = self._corners
         return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Clean up, also when Blender cancels the operator, or an error ended it."""
-        if self._handler is None:
-            return
-        handler, self._handler = self._handler, None
-        remove_draw_handler(bpy.types.SpaceView3D, handler)
-        self._area.header_text_set(None)
-        self._area.tag_redraw()
-
-    def _draw(self) -> None:
-        if bpy.context.area != self._area or len(self._corners) < 2:
+    def draw_marks(self) -> None:
+        """Draw the region so far."""
+        if len(self._corners) < 2:
             return
         outline = self._outline()
         shader = gpu.shader.from_builtin("UNIFORM_COLOR")

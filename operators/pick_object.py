@@ -34,7 +34,7 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
     bl_label = "Click in View"
     bl_options = {"REGISTER", "UNDO"}
     n_clicks = 1
-    help_text = pgettext_n("Click what you see   Esc: cancel")
+    help_text = pgettext_n("Click what you see")
 
     action: Annotated[
         str,
@@ -73,9 +73,13 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         StringProperty(name="Name", description="Name of an isolated object; empty: object", options={"SKIP_SAVE"}),
     ]
 
+    def tool_name(self) -> str:
+        """Return the label of its button."""
+        return "Select in View" if self.action == "SELECT" else "Isolate in View"
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for a click in the view; with a photo, look through it at once."""
-        return self.execute(context) if self.photo else super().invoke(context, event)
+        return self.execute(context) if self.photo else self.begin_clicks(context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Look through the photo."""
@@ -102,18 +106,9 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         if not name:
             self.report({"INFO"}, "No isolated object is seen there. Use Isolate to make one.")
             return {"CANCELLED"}
-        _select(context, bpy.data.objects[name])
+        set_active_object(scene, bpy.data.objects[name])
         self.report({"INFO"}, f"{name} is selected.")
         return {"FINISHED"}
-
-
-def _select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Select an isolated object in the list and, where it is shown, in the view."""
-    set_active_object(context.scene, obj)
-    if obj.visible_get():
-        for other in context.view_layer.objects:
-            other.select_set(other == obj)
-        context.view_layer.objects.active = obj
 
 
 CLASSES = [HERITAGE_OT_pick_object]

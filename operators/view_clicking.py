@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import blf
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_n
 from numpy.typing import NDArray
 
-from ..engine.errors import HeritageError, ObjectError
-from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
+from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.problems import sentence_of
 from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.visible_splats import sight_of_viewport
 from .needing_project import is_project_open
+from .view_tool import ViewTool
 
 __all__ = ["ViewClickOperator"]
 
@@ -25,13 +23,12 @@ _MARK_SIZE = 24
 _MARK_COLOR = (1.0, 0.75, 0.2, 1.0)
 
 
-class ViewClickOperator(bpy.types.Operator):
+class ViewClickOperator(ViewTool, bpy.types.Operator):
     """Collects clicks in the 3D view as rays of Blender's world; a subclass says what they mean."""
 
     n_clicks = 0
     """Clicks after which the operator ends; 0: it ends with Enter."""
-    help_text = pgettext_n("Click in the view   Backspace: remove the last   Enter: done   Esc: cancel")
-    _handler: Any = None
+    help_text = pgettext_n("Click in the view   Backspace: remove the last   Enter: done")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -40,40 +37,39 @@ class ViewClickOperator(bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for clicks in the view."""
-        if context.area is None or context.area.type != "VIEW_3D":
-            raise ObjectError("Press the button in the sidebar (N) of a 3D view.")
-        self._area = context.area
+        return self.begin_clicks(context)
+
+    def begin_clicks(self, context: bpy.types.Context) -> set[str]:
+        """Wait for clicks in the view, and return what `invoke` returns."""
         self.rays: list[tuple[Float64, Float64]] = []
         self.points: list[Float64] = []
-        self._handler = add_draw_handler(bpy.types.SpaceView3D, self._draw)
-        context.window_manager.modal_handler_add(self)
-        self._area.header_text_set(translated(self.help_text))
-        self._area.tag_redraw()
-        return {"RUNNING_MODAL"}
+        return self.begin(context)
 
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def header(self) -> str:
+        """Return what to do now."""
+        return translated(self.help_text)
+
+    def handle(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Handle one window event."""
-        if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
-            self.cancel(context)
-            return {"CANCELLED"}
+        is_in_view = self.is_in_view(event.mouse_x, event.mouse_y)
         if event.type in ("RET", "NUMPAD_ENTER") and event.value == "PRESS" and not self.n_clicks:
             return self._end(context)
-        if event.type == "BACK_SPACE" and event.value == "PRESS":
+        if event.type == "BACK_SPACE" and event.value == "PRESS" and is_in_view:
             del self.rays[-1:], self.points[-1:]
-            self._area.tag_redraw()
+            self.area.tag_redraw()
             return {"RUNNING_MODAL"}
-        if event.type != "LEFTMOUSE" or event.value != "PRESS" or not self._is_over(event):
+        if event.type != "LEFTMOUSE" or event.value != "PRESS" or not is_in_view:
             return {"PASS_THROUGH"}
         try:
-            region = self._region
+            region = self.region
             x, y = event.mouse_x - region.x + 0.5, event.mouse_y - region.y + 0.5
-            ray = sight_of_viewport(region, self._area.spaces.active.region_3d).ray(x, y)
+            ray = sight_of_viewport(region, self.area.spaces.active.region_3d).ray(x, y)
             self.add(context, ray)
         except HeritageError as error:
             # Not the end: the next click may hit something.
             self.report({"WARNING"}, sentence_of(error))
             return {"RUNNING_MODAL"}
-        self._area.tag_redraw()
+        self.area.tag_redraw()
         return self._end(context) if len(self.rays) == self.n_clicks else {"RUNNING_MODAL"}
 
     def add(self, context: bpy.types.Context, ray: tuple[Float64, Float64]) -> None:
@@ -88,32 +84,11 @@ class ViewClickOperator(bpy.types.Operator):
         self.cancel(context)
         return self.clicked(context)
 
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Clean up, also when Blender cancels the operator, or an error ended it."""
-        if self._handler is None:
+    def draw_marks(self) -> None:
+        """Draw a number at each point."""
+        if not self.points:
             return
-        handler, self._handler = self._handler, None
-        remove_draw_handler(bpy.types.SpaceView3D, handler)
-        self._area.header_text_set(None)
-        self._area.tag_redraw()
-
-    @property
-    def _region(self) -> bpy.types.Region:
-        return next(region for region in self._area.regions if region.type == "WINDOW")
-
-    def _is_over(self, event: bpy.types.Event) -> bool:
-        def inside(region: bpy.types.Region) -> bool:
-            right, top = region.x + region.width, region.y + region.height
-            return region.x <= event.mouse_x < right and region.y <= event.mouse_y < top
-
-        # A closed region has a width or height of 1.
-        others = [one for one in self._area.regions if one.type != "WINDOW" and min(one.width, one.height) > 1]
-        return inside(self._region) and not any(map(inside, others))
-
-    def _draw(self) -> None:
-        if bpy.context.area != self._area or not self.points:
-            return
-        sight = sight_of_viewport(self._region, self._area.spaces.active.region_3d)
+        sight = sight_of_viewport(self.region, self.area.spaces.active.region_3d)
         blf.size(0, _MARK_SIZE)
         blf.color(0, *_MARK_COLOR)
         for number, (x, y) in enumerate(sight.positions(np.array(self.points)), 1):

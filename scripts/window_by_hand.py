@@ -12,7 +12,7 @@ PACKAGE = "bl_ext.user_default.gaussian_heritage"
 SCREEN_HEIGHT = 1000
 
 
-def _invoke(window: Window, operator: str, **options: object) -> None:
+def invoke(window: Window, operator: str, **options: object) -> None:
     """Start an operator that waits for the mouse, as its button in the sidebar does."""
     given = ", ".join(f"{name}={value!r}" for name, value in options.items())
     window.python(f"""
@@ -26,7 +26,7 @@ for area in first.screen.areas:
     time.sleep(2)
 
 
-def _frame_object(window: Window) -> tuple[tuple[float, float], float]:
+def frame_object(window: Window) -> tuple[tuple[float, float], float]:
     """Show an isolated object in Solid; return the position of its middle on the screen, and its height there."""
     answer = window.python(f"""
 import numpy as np
@@ -62,10 +62,10 @@ for area in first.screen.areas:
 
 def edit_by_hand(window: Window) -> None:
     """Select the object by a click in the view, take a part of it by a box, undo, take it again, and store it."""
-    (x, y), height = _frame_object(window)
+    (x, y), height = frame_object(window)
     edits = f"__import__('{PACKAGE}.gaussian_heritage_addon.hand_edits', fromlist=['x'])"
     window.python("bpy.context.scene.heritage.active = -1")
-    _invoke(window, "pick_object", action="SELECT")
+    invoke(window, "pick_object", action="SELECT")
     window.click(x, y)
     listed = "bpy.data.objects[bpy.context.scene.heritage.active]"
     window.check("a click in the view selects the object", f"{listed}.heritage.role == 'OBJECT'")
@@ -74,7 +74,7 @@ def edit_by_hand(window: Window) -> None:
     count = f"len({edits}.member_rows({obj}))"
     before = int(window.python(f"print({count})"))
     region = [x - height, y - 0.25 * height, x, y - 0.6 * height, x + height, y - height]
-    _invoke(window, "edit_region", action="TAKE", shape="BOX")
+    invoke(window, "edit_region", action="TAKE", shape="BOX")
     window.run("path", *map(round, region))
     time.sleep(5)
     window.check("a box in the view takes a part of the object", f"0 < {count} < {before}")
@@ -83,7 +83,7 @@ def edit_by_hand(window: Window) -> None:
     time.sleep(5)
     window.settle()
     window.check("Ctrl+Z gives it back", f"{count} == {before} and not {obj}.heritage.is_edited")
-    _invoke(window, "edit_region", action="TAKE", shape="BOX")
+    invoke(window, "edit_region", action="TAKE", shape="BOX")
     window.run("path", *map(round, region))
     time.sleep(5)
     after = int(window.python(f"print({count})"))
@@ -111,9 +111,9 @@ for places in (order, order[::-1]):
 
 def measure_scene(window: Window) -> None:
     """Pick the ends of a known distance and of a ruler in the view, and look at the panels, also in German."""
-    _frame_object(window)
+    frame_object(window)
     ends = _two_ends(window)
-    _invoke(window, "measure", action="DISTANCE", metres=0.3)
+    invoke(window, "measure", action="DISTANCE", metres=0.3)
     for end in ends:
         window.click(*end)
     time.sleep(3)
@@ -128,9 +128,9 @@ def measure_scene(window: Window) -> None:
     time.sleep(5)
     window.settle()
     window.check("Ctrl+Shift+Z brings it again", f"not {unmeasured} and {stored}.exists()")
-    _frame_object(window)
+    frame_object(window)
     ends = _two_ends(window)
-    _invoke(window, "measure", action="RULER")
+    invoke(window, "measure", action="RULER")
     for end in ends:
         window.click(*end)
     time.sleep(3)

@@ -22,6 +22,7 @@ from places import ROOT, python_of
 from window_by_hand import PACKAGE, SCREEN_HEIGHT, edit_by_hand, measure_scene
 from window_drops import drop_files
 from window_report import report
+from window_selection import change_tools, continue_jobs, select_objects
 
 SCRIPT = ROOT / "scripts" / "window" / "window.sh"
 PICTURES = ROOT / "docs" / "pictures" / "window"
@@ -35,7 +36,7 @@ PARTS = {
     "click_object": "650x20+172+58",
 }
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
-SHOWN = ("by_hand", "measured", "german")
+SHOWN = ("by_hand", "measured", "german", "selected", "edit_mode", "tool", "waiting", "stopped")
 """Further screenshots that are stored as pictures of the documentation, and not compared."""
 MAX_DIFFERENCE = 0.04
 """Mean difference of a part, 0 to 1; another text or another place of a button is above."""
@@ -156,6 +157,10 @@ for window in bpy.context.window_manager.windows:
         """Click in the sidebar, `right` of its width from its left, `below` pixels under its top."""
         left, top, width, _ = self.region("VIEW_3D", "UI")
         self.click(left + right * width, top + below)
+
+    def fail(self, what: str) -> None:
+        """Raise `Failed`."""
+        raise Failed(what)
 
     def check(self, what: str, condition: str) -> None:
         """Raise `Failed` unless a Python expression is true in the window."""
@@ -385,7 +390,7 @@ bpy.ops.heritage.find_objects()
     )
     window.check(
         "the background does not bury them",
-        "all(o.hide_viewport for o in bpy.data.objects if o.heritage.kind == 'background')",
+        "all(o.hide_get() for o in bpy.data.objects if o.heritage.kind == 'background')",
     )
     window.shot("find_all")
 
@@ -465,11 +470,14 @@ def main() -> int:
         ("import photos", lambda: import_photos(window)),
         ("change displays", lambda: change_displays(window)),
         ("isolate by a click", lambda: isolate_by_click(window)),
+        ("select objects", lambda: select_objects(window)),
+        ("change tools", lambda: change_tools(window)),
         ("edit by hand", lambda: edit_by_hand(window)),
         ("measure", lambda: measure_scene(window)),
         ("drop files", lambda: drop_files(window, work / "photos_heritage" / "gaussians" / "scene.ply", *dropped)),
         ("export", lambda: export(window)),
         ("survive a crash", lambda: survive_a_crash(window)),
+        ("continue jobs", lambda: continue_jobs(window)),
         ("compare the pictures", lambda: compare_pictures(window, keep=options.keep)),
     ]
     try:

@@ -4,6 +4,7 @@
 #   window.sh start [FILE.blend]  X server, window manager, Blender with harness.py
 #   window.sh py [SECONDS]        runs Python from standard input inside the window's Blender, prints its output
 #   window.sh click X Y [BUTTON] | drag X1 Y1 X2 | type TEXT | key KEYS...    pixels of a 1600x1000 screen
+#   window.sh move X Y            the pointer, without a button
 #   window.sh path X1 Y1 X2 Y2 ...   presses at the first position, moves over the others, releases at the last
 #   window.sh drop X Y FILE...    drops files, as a file manager does
 #   window.sh shot FILE.png       the whole screen
@@ -51,6 +52,7 @@ py)
   echo "no answer"; exit 1 ;;
 # Blender wants to see the pointer arrive before it is pressed, and a press to last.
 click) inside xdotool mousemove $(($2 - 6)) $(($3 - 3)) sleep 0.3 mousemove "$2" "$3" sleep 0.5 mousedown "${4:-1}" sleep 0.12 mouseup "${4:-1}" ;;
+move) inside xdotool mousemove $(($2 - 6)) $(($3 - 3)) sleep 0.3 mousemove "$2" "$3" ;;
 drag)
   inside xdotool mousemove $(($2 - 4)) "$3" sleep 0.8 mousemove "$2" "$3" sleep 1.5 mousedown 1 sleep 0.8
   for i in 1 2 3 4 5 6; do inside xdotool mousemove $(($2 + ($4 - $2) * i / 6)) "$3" sleep 0.7; done
@@ -73,5 +75,5 @@ crash) kill -9 "$(tail -1 "$work/pids")" ;;
 stop)
   [ ! -e "$work/pids" ] || { tac "$work/pids" | while read -r pid; do kill "$pid" 2>/dev/null || true; done; rm "$work/pids"; sleep 5; }
   mount | awk -v root="$root/" 'index($3, root) == 1 {print $3}' | sort -r | while read -r point; do umount "$point" || umount -l "$point" || true; done ;;
-*) sed -n '2,14p' "$0"; exit 2 ;;
+*) sed -n '2,15p' "$0"; exit 2 ;;
 esac

@@ -129,7 +129,7 @@ def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path
 def forget_jobs(runner: ModuleType) -> None:
     """Let the job runner forget all jobs; those that run are not ended."""
     runner._job, runner._waits_for_object_mode = None, False
-    for jobs in (runner._queue, runner._found, runner._undecided):
+    for jobs in (runner._queue, runner._found, runner._undecided, runner._stopped):
         jobs.clear()
 
 

@@ -201,8 +201,9 @@ def test_selection_in_edit_mode_is_assigned_taken_and_split(balls: Any, part: Pa
     bpy.ops.object.mode_set(mode="OBJECT")
     select_in_edit_mode(right, np.arange(10, 20))
     assert bpy.ops.heritage.split_object(name="Knauf") == {"FINISHED"}
+    assert current() == "Knauf" and bpy.context.object == right
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert rows_of(part, "Knauf") == set(range(110, 120)) and current() == "Knauf"
+    assert rows_of(part, "Knauf") == set(range(110, 120)) and current() == "Right"
     assert rows_of(part, "Right") == set(range(120, 200))
     select_in_edit_mode(right, np.arange(20, 30))
     bpy.ops.heritage.take_selection()

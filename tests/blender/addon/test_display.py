@@ -99,7 +99,7 @@ def test_find_all_selects_what_it_found_and_hides_the_background(opened: Any, fa
     assert bpy.ops.heritage.find_objects() == {"FINISHED"}
     found = isolated()
     assert {name for name, obj in found.items() if obj.heritage.hidden} == {"background"}
-    assert found["background"].hide_viewport and found["background"].hide_render
+    assert found["background"].hide_get() and found["background"].hide_render
     assert {obj.heritage.object_id for obj in bpy.context.selected_objects} == {"envelope", "nail"}
     assert bpy.context.view_layer.objects.active == found["envelope"]
     assert any("guess" in text for text in draw("HERITAGE_PT_objects").texts)
@@ -108,7 +108,7 @@ def test_find_all_selects_what_it_found_and_hides_the_background(opened: Any, fa
 def test_background_that_was_asked_for_is_shown(opened: Any, fake_engine: StandIn) -> None:
     fake_engine(FOUND.replace('["envelope", "nail", "background"]', '["background"]'))
     bpy.ops.heritage.isolate_background()
-    assert not isolated()["background"].hide_viewport
+    assert isolated()["background"].visible_get()
 
 
 def test_background_of_a_project_that_is_opened_is_hidden_until_the_user_shows_it(project: Any) -> None:
@@ -126,14 +126,14 @@ def test_solo_hides_the_others_and_again_shows_them(opened: Any, fake_engine: St
     scene, found = bpy.context.scene, isolated()
     scene.heritage.active = bpy.data.objects.find(found["nail"].name)
     assert bpy.ops.heritage.solo_object() == {"FINISHED"}
-    assert {name for name, obj in found.items() if not obj.hide_viewport} == {"nail"}
+    assert {name for name, obj in found.items() if obj.visible_get()} == {"nail"}
     bpy.ops.heritage.solo_object()
-    assert {name for name, obj in found.items() if obj.hide_viewport} == {"background"}
+    assert {name for name, obj in found.items() if not obj.visible_get()} == {"background"}
     found["vase"].heritage.hidden = True
-    assert found["vase"].hide_viewport and found["vase"].hide_render
+    assert found["vase"].hide_get() and found["vase"].hide_render
     scene.heritage.show = "SCENE"
     scene.heritage.show = "OBJECTS"
-    assert found["vase"].hide_viewport and not found["nail"].hide_viewport
+    assert not found["vase"].visible_get() and found["nail"].visible_get()
     scene.heritage.active = -1
     with pytest.raises(RuntimeError, match="Select one in the list"):
         bpy.ops.heritage.solo_object()

@@ -190,7 +190,7 @@ def test_timer_that_fails_ends_and_the_panel_says_why(
         failing(monkeypatch, timer._call, error)
         part("gaussian_heritage_addon.problems").clear()
         assert timer() is None
-        assert type(error).__name__ in " ".join(draw("HERITAGE_PT_scene").texts)
+        assert type(error).__name__ in " ".join(draw("HERITAGE_PT_progress").texts)
     assert "Traceback" not in "".join(capfd.readouterr())
 
 

@@ -72,7 +72,7 @@ def test_error_of_a_job_is_told_while_the_next_one_runs(
     _segment(runner, project, "drum")
     runner._job.wait()
     assert runner._poll_job() == runner._POLL_INTERVAL and runner.current()[1].running
-    assert "The disk is full." in " ".join(draw("HERITAGE_PT_scene").texts)
+    assert "The disk is full." in " ".join(draw("HERITAGE_PT_progress").texts)
 
 
 def test_result_of_an_earlier_session_is_offered_and_not_put_into_a_new_file(
@@ -89,7 +89,7 @@ def test_result_of_an_earlier_session_is_offered_and_not_put_into_a_new_file(
     runner._find_jobs()
     _poll_to_the_end(runner)
     assert not bpy.context.scene.heritage.project and runner.undecided() == [project.folder]
-    panel = draw("HERITAGE_PT_scene")
+    panel = draw("HERITAGE_PT_progress")
     assert "ended while you were away" in " ".join(panel.texts) and "another project" not in " ".join(panel.texts)
     assert bpy.ops.heritage.open_result(number=0) == {"FINISHED"}
     assert bpy.context.scene.heritage.project == str(project.folder) and len(bpy.data.scenes) == 1

@@ -102,7 +102,7 @@ def test_scene_with_another_project_is_never_changed_without_asking(
     _poll_to_the_end(runner)
     assert bpy.context.scene.heritage.project == "/somewhere/else" and "Vase" not in bpy.data.objects
     assert runner.undecided() == [project.folder]
-    drawn = draw("HERITAGE_PT_scene")
+    drawn = draw("HERITAGE_PT_progress")
     assert any(str(project.folder.name) in text for text in drawn.texts) or drawn.button("open_result")
     assert bpy.ops.heritage.open_result(number=0) == {"FINISHED"}
     (scene,) = [scene for scene in bpy.data.scenes if scene.heritage.project == str(project.folder)]
@@ -182,7 +182,7 @@ def test_stopped_job_continues_with_the_same_command(
     _segment(runner, project, "vase")
     _poll_to_the_end(runner)
     arguments.unlink()
-    assert draw("HERITAGE_PT_scene").button("continue_job") == {}
+    assert draw("HERITAGE_PT_scene").button("continue_job") == {"number": 0}
     assert bpy.ops.heritage.continue_job() == {"FINISHED"}
     runner._job.wait()
     assert '"vase"' in arguments.read_text()

@@ -1,0 +1,150 @@
+"""Steps of the window test in which a curator selects objects, changes tools, and stops and continues jobs."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from window_by_hand import PACKAGE, frame_object, invoke
+
+if TYPE_CHECKING:
+    from window_test import Window
+
+ADDON = f"{PACKAGE}.gaussian_heritage_addon"
+LAYER = "bpy.context.window_manager.windows[0].view_layer"
+ROW = "bpy.context.scene.heritage.active"
+
+
+def _module(name: str) -> str:
+    return f"__import__('{ADDON}.{name}', fromlist=['x'])"
+
+
+def _is_selected(name: str) -> str:
+    """Return the condition that an object is the row of the list, Blender's active object and the one selected."""
+    return (
+        f"bpy.data.objects[{ROW}].name == {LAYER}.objects.active.name == {name!r} and "
+        f"[o.name for o in {LAYER}.objects if o.select_get()] == [{name!r}]"
+    )
+
+
+def select_objects(window: Window) -> None:
+    """Select an object by click, box, list and Blender, close and open its eye, and look at it in Edit Mode."""
+    (x, y), height = frame_object(window)
+    name = window.python("print(next(o.name for o in bpy.context.scene.objects if o.heritage.role == 'OBJECT'))")
+    obj = f"bpy.data.objects[{name!r}]"
+    window.python("bpy.ops.ed.undo_push(message='frame')")
+    window.check("nothing selected is no row of the list", f"{ROW} == -1")
+    window.click(x, y)
+    window.check("a click on visible splats selects the object, in Blender and in the list", _is_selected(name))
+    window.shot("selected")
+    window.run("key", "ctrl+z")
+    time.sleep(3)
+    window.settle()
+    window.check("Ctrl+Z undoes the selection", f"not {obj}.select_get()")
+    window.python(f"for one in {LAYER}.objects: one.select_set(False)")
+    side = height
+    window.run("path", *map(round, (x - side, y - side, x, y, x + side, y + side)))
+    time.sleep(3)
+    window.settle()
+    window.check("a box around visible splats selects the object", f"{obj}.select_get()")
+    window.check(
+        "the active object is one of those in the box, and the row of the list",
+        f"{LAYER}.objects.active.select_get() and bpy.data.objects[{ROW}] == {LAYER}.objects.active",
+    )
+    window.python(f"{ROW} = bpy.data.objects.find({name!r})")
+    window.check("a row of the list selects the object in Blender", _is_selected(name))
+    window.run("key", "h")
+    time.sleep(2)
+    window.settle()
+    window.check("H closes the eye of the list, also for renders", f"{obj}.heritage.hidden and {obj}.hide_render")
+    window.run("key", "alt+h")
+    time.sleep(2)
+    window.settle()
+    window.check("Alt+H opens it again", f"not {obj}.heritage.hidden and {obj}.visible_get()")
+    window.python(f"{ROW} = bpy.data.objects.find({name!r})")
+    _look_in_edit_mode(window, (x, y), height, obj)
+    window.python(f"{ROW} = bpy.data.objects.find({name!r}); bpy.context.scene.heritage.show = 'SCENE'")
+    time.sleep(3)
+    window.settle()
+    window.check("the row stays while the scene takes the place of its objects", f"bpy.data.objects[{ROW}] == {obj}")
+    window.shot("row_in_scene")
+    window.python("bpy.context.scene.heritage.show = 'OBJECTS'")
+    window.settle()
+    window.check("the object is selected again when it is shown again", _is_selected(name))
+
+
+def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float, obj: str) -> None:
+    (x, y), half = place, 0.25 * height
+    window.run("key", "Tab")
+    time.sleep(4)
+    window.settle()
+    window.run("key", "alt+a")
+    time.sleep(2)
+    window.settle()
+    flags = f"{_module('edited_splats')}.vertex_flags({obj})"
+    window.check("the mode is Edit Mode, in which nothing is selected", f"not {flags}[0].any()")
+    window.check("the object is drawn in Edit Mode", f"{obj}.data.name_full in {_module('splat_view')}._state.edited")
+    window.check("what is below the threshold is no dot", f"(~{flags}[1]).sum() == len({_rows(obj)})")
+    window.run("path", *map(round, (x - half, y - half, x, y, x + half, y + half)))
+    time.sleep(4)
+    window.settle()
+    window.check("a box in Edit Mode selects Gaussians", f"0 < {flags}[0].sum() < len({flags}[0])")
+    window.shot("edit_mode")
+    window.run("key", "Tab")
+    time.sleep(3)
+    window.settle()
+    window.check("Tab leaves Edit Mode", f"{obj}.mode == 'OBJECT'")
+
+
+def _rows(obj: str) -> str:
+    return f"{_module('hand_edits')}.member_rows({obj})"
+
+
+def change_tools(window: Window) -> None:
+    """Press *North*, then *Pick*: clicks belong to the last one, and Escape leaves it."""
+    (x, y), _ = frame_object(window)
+    running = "[o.bl_idname for o in bpy.context.window_manager.windows[0].modal_operators]"
+    stored = (
+        f"{_module('measuring')}.current_measurement({_module('properties')}.project_of(bpy.context.scene.heritage))"
+    )
+    before = window.python(f"print({stored})")
+    invoke(window, "measure", action="NORTH")
+    invoke(window, "measure", action="RULER")
+    window.run("move", round(x), round(y))
+    window.settle()
+    window.check("a new tool ends the former", f"{running} == ['HERITAGE_OT_measure']")
+    window.shot("tool")
+    window.click(x, y)
+    window.run("key", "Escape")
+    time.sleep(2)
+    window.settle()
+    window.check("Escape leaves the tool", f"{running} == []")
+    window.click(x, y)
+    if window.python(f"print({stored})") != before:
+        window.fail("clicks after Escape measure something")
+
+
+def continue_jobs(window: Window) -> None:
+    """Start two jobs, stop both, and continue the first."""
+    runner = _module("job_runner")
+    stopped = f"{runner}.stopped(bpy.context.scene)"
+    names = f"[job.command[-1] for _, job, _ in {stopped}]"
+    count = int(window.python(f"print(len({stopped}))"))
+    window.python("bpy.ops.heritage.isolate(prompt='vase')\nbpy.ops.heritage.isolate(prompt='teapot')")
+    text = f"{_module('panels')}._running_text({runner}.current()[1])"
+    window.check("the first row says what waits", f"'+1 waiting: isolate teapot' in {text}")
+    time.sleep(2)
+    window.shot("waiting")
+    for number in (1, 2):
+        window.python("bpy.ops.heritage.cancel_job()")
+        window.wait_for(f"len({stopped}) == {count + number}", 90)
+        time.sleep(2)
+    window.check("both stopped jobs can be continued", f"len({names}) >= 2")
+    window.shot("stopped")
+    window.python(f"bpy.ops.heritage.continue_job(number={count})")
+    window.check("the first one runs again", f"{runner}.current()[1].running and len({stopped}) == {count + 1}")
+    window.python("bpy.ops.heritage.cancel_job()")
+    window.wait_for(f"len({stopped}) == {count + 2}", 90)
+    window.python("bpy.ops.wm.read_homefile(use_empty=True)")
+    time.sleep(4)
+    window.check("an error of another file is not shown", f"not {stopped}")
