@@ -12,6 +12,7 @@ from . import (
     panels,
     pictures,
     preferences_page,
+    preset_times,
     problems,
     properties,
     solid_mode,
@@ -50,6 +51,7 @@ def unregister() -> None:
     open_projects.unregister()
     solid_mode.unregister()
     job_runner.unregister()
+    preset_times.stop()
     pictures.unregister()
     display_settings.unregister()
     properties.unregister()

@@ -119,6 +119,9 @@ TEXTS: dict[str, str] = {
         "Datei, aus der die Engine ohne Netz eingerichtet wird; leer: alles herunterladen"
     ),
     "Folder for the exported files": "Ordner für die exportierten Dateien",
+    "Folder that the scene is stored in; empty: create it next to the photo folder": (
+        "Ordner, in dem die Szene gespeichert wird; leer: neben dem Fotoordner anlegen"
+    ),
     "Folder with a mask for each photo, named like it; what is black in them is left out": (
         "Ordner mit einer Maske je Foto, benannt wie das Foto; was darin schwarz ist, bleibt außer Acht"
     ),
@@ -158,7 +161,7 @@ TEXTS: dict[str, str] = {
     "How far behind the visible surface the region reaches": (
         "Wie weit der Bereich hinter die sichtbare Oberfläche reicht"
     ),
-    "How much work; the list says what each choice takes": "Wie viel Arbeit; die Liste sagt, was jede Wahl kostet",
+    "How much work is done, and how good the scene becomes": "Wie viel gerechnet wird, und wie gut die Szene wird",
     "How the object was found: text, click, all or background": (
         "Wie das Objekt gefunden wurde: Text (text), Klick (click), alle (all) oder Hintergrund (background)"
     ),
@@ -241,9 +244,6 @@ TEXTS: dict[str, str] = {
     "Number of photos to move on, by name": "Um wie viele Fotos es weitergeht, nach Namen geordnet",
     "Number of the candidate": "Nummer des Kandidaten",
     "Number of the distance to remove; 0: everything": "Nummer des Abstands, der entfernt wird; 0: alles",
-    "Objects to isolate at the end, in English words, separated by commas (vase, teapot)": (
-        "Objekte, die am Ende freigestellt werden, auf Englisch, durch Kommas getrennt (vase, teapot)"
-    ),
     "Objects to isolate, in English words; separate several with commas (vase, teapot)": (
         "Freizustellende Objekte in Worten, auf Englisch; mehrere durch Kommas trennen (vase, teapot)"
     ),
@@ -266,9 +266,6 @@ TEXTS: dict[str, str] = {
     "Pixels from the left edge of the photo": "Pixel vom linken Rand des Fotos",
     "Pixels from the top edge of the photo": "Pixel vom oberen Rand des Fotos",
     "Project folder of this scene": "Projektordner dieser Szene",
-    "Project folder; empty: create it next to the photo folder": (
-        "Projektordner; leer: ihn neben dem Fotoordner anlegen"
-    ),
     (
         "Python 3.11, 3.12 or 3.13 that the engine is set up with. Empty: Blender's own where PyTorch can be "
         "had for it, or another one of this computer"
@@ -286,6 +283,9 @@ TEXTS: dict[str, str] = {
         "Umgebungsvariablen GAUSSIAN_HERITAGE_PYTHON, oder .venv/engine im Ordner dieser Erweiterung, wenn "
         "sie eine Arbeitskopie des Repositorys ist, oder die eingerichtete Engine. Anderswo wird nicht "
         "gesucht, und keine .blend-Datei kann das ändern"
+    ),
+    "Reconstruct this scene again, in the same project, from the same photos, with a better preset": (
+        "Diese Szene im selben Projekt, aus denselben Fotos, mit einer besseren Voreinstellung neu rekonstruieren"
     ),
     "Remove a known distance, or all that was measured. The scene gets its former place and size": (
         "Einen bekannten Abstand oder alles Gemessene entfernen. Die Szene bekommt ihre frühere Lage und Größe"
@@ -339,6 +339,7 @@ TEXTS: dict[str, str] = {
     "The object in English words, for example vase": "Das Objekt in Worten, auf Englisch, zum Beispiel vase",
     "The origin of each object is that of its file": "Der Ursprung jedes Objekts ist der seiner Datei",
     "The point that becomes the origin": "Der Punkt, der zum Ursprung wird",
+    "The preset after that of the scene": "Die Voreinstellung nach der der Szene",
     "The surface when something is added, everything when something is taken": (
         "Die Oberfläche beim Hinzufügen, alles beim Wegnehmen"
     ),
@@ -358,6 +359,9 @@ TEXTS: dict[str, str] = {
     ),
     "What a click does": "Was ein Klick bewirkt",
     "What is done with the Gaussians in the region": "Was mit den Gauß-Glocken im Bereich geschieht",
+    "What is searched for at the end, in English words, separated by commas (vase, teapot)": (
+        "Was am Ende gesucht wird, in englischen Wörtern, durch Kommas getrennt (vase, teapot)"
+    ),
     "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs": (
         "Was die Datei angibt; sonst Y für SPZ, und -Y wie in den Dateien der meisten Programme"
     ),

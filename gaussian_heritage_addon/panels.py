@@ -6,6 +6,7 @@ import bpy
 
 from ..engine.jobs import Job, JobState
 from ..engine.project_content import report_file
+from ..engine.reconstruction_input import better_preset
 from . import by_hand_panel, display_panel, job_runner, objects_panel, problems
 from .cameras import current_photo
 from .curve import stored_curve
@@ -112,6 +113,11 @@ def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     row.operator("heritage.show_folder", text="Folder", icon="FILE_FOLDER")
     if report_file(project).is_file():
         row.operator("heritage.open_report", text="Report", icon="TEXT")
+    better = better_preset(project)
+    if better:
+        # A preview is only a first look: its next step is one button.
+        label = translated("Improve to {}", translated(better.capitalize()))
+        layout.operator("heritage.improve_scene", text=label, icon="SHADERFX").preset = better
     layout.row().prop(properties, "show", expand=True)
     layout.row().prop(properties, "blending", expand=True)
     row = layout.row(align=True)
