@@ -21,6 +21,7 @@ TEXTS: dict[str, str] = {
     "Add by Box": "Hinzufügen: Rechteck",
     "Add by Lasso": "Hinzufügen: Lasso",
     "All": "Alle",
+    "Allow Online Access": "Netzzugriff erlauben",
     "An hour of training on two cores, with more Gaussians and larger pictures.": (
         "Eine Stunde Training auf zwei Kernen, mit mehr Gauß-Glocken und größeren Bildern."
     ),
@@ -33,6 +34,9 @@ TEXTS: dict[str, str] = {
     "Automatic": "Automatisch",
     "Background": "Hintergrund",
     "Best": "Beste",
+    "Blender was started with --offline-mode. Start it without that option.": (
+        "Blender wurde mit --offline-mode gestartet. Starten Sie es ohne diese Option."
+    ),
     "Blending": "Überblendung",
     "Box": "Rechteck",
     "By Hand": "Von Hand",
@@ -233,6 +237,9 @@ TEXTS: dict[str, str] = {
     "Set Up": "Einrichten",
     "Set up Cycles": "Cycles einrichten",
     "Set Up Engine": "Engine einrichten",
+    "Setting up downloads the engine, and Blender may not use the network yet.": (
+        "Beim Einrichten wird die Engine heruntergeladen, und Blender darf das Netz noch nicht nutzen."
+    ),
     "Shape": "Form",
     "Shapes": "Formen",
     "Share": "Anteil",
@@ -286,6 +293,9 @@ TEXTS: dict[str, str] = {
     "Video": "Video",
     "Video as Gaussian Scene": "Video als Gauß-Szene",
     "Wanted": "Erwünscht",
+    "Without a network: choose an Offline Bundle in the preferences of this add-on.": (
+        "Ohne Netz: in den Einstellungen dieses Add-ons ein Offline-Paket wählen."
+    ),
     "World": "Welt",
     "X": "X",
     "Y": "Y",

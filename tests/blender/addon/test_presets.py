@@ -11,7 +11,6 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-
 from conftest import FakeLayout, write_object
 
 Part = Callable[[str], ModuleType]

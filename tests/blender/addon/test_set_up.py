@@ -5,13 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
+from conftest import FakeLayout, forget_jobs
 
 Part = Callable[[str], ModuleType]
+Draw = Callable[[str], FakeLayout]
 
 
 @pytest.fixture
@@ -87,3 +89,44 @@ def test_engine_is_removed_and_the_rest_stays(preferences: Any, folder: Path, pa
     (folder.parent / "photos").mkdir()
     assert bpy.ops.heritage.remove_engine() == {"FINISHED"}
     assert not folder.exists() and (folder.parent / "photos").exists()
+
+
+@pytest.fixture
+def offline(part: Part, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Blender without online access, as it is when it was installed."""
+    box = part("gaussian_heritage_addon.set_up_box")
+    app = SimpleNamespace(online_access=False, online_access_override=False)
+    monkeypatch.setattr(box, "bpy", SimpleNamespace(app=app, context=bpy.context, types=bpy.types))
+    return app
+
+
+def test_panel_itself_offers_online_access(
+    preferences: Any, folder: Path, offline: SimpleNamespace, draw: Draw, tmp_path: Path
+) -> None:
+    drawn = draw("HERITAGE_PT_scene")
+    assert "use_online_access" in drawn.props and "Allow Online Access" in drawn.texts
+    offline.online_access_override = True
+    drawn = draw("HERITAGE_PT_scene")
+    assert "use_online_access" not in drawn.props and "--offline-mode" in " ".join(drawn.texts)
+    offline.online_access = True
+    assert "use_online_access" not in draw("HERITAGE_PT_scene").props
+    offline.online_access = False
+    (tmp_path / "bundle.zip").touch()
+    preferences.offline_bundle = str(tmp_path / "bundle.zip")
+    assert "--offline-mode" not in " ".join(draw("HERITAGE_PT_scene").texts)
+
+
+def test_reason_of_a_failed_set_up_survives_a_restart(
+    preferences: Any, folder: Path, part: Part, tmp_path: Path, draw: Draw
+) -> None:
+    (tmp_path / "holiday.zip").write_bytes(b"no zip")
+    preferences.offline_bundle = str(tmp_path / "holiday.zip")
+    with pytest.raises(RuntimeError, match="holiday.zip is not an offline bundle"):
+        bpy.ops.heritage.set_up_engine()
+    # A new session knows neither the job nor what was read.
+    forget_jobs(part("gaussian_heritage_addon.job_runner"))
+    module = part("gaussian_heritage_addon.preferences")
+    module._stored_problem.cache_clear()
+    assert "holiday.zip is not an offline bundle" in " ".join(draw("HERITAGE_PT_scene").texts)
+    module.store_set_up_problem("")
+    assert "holiday.zip" not in " ".join(draw("HERITAGE_PT_scene").texts)
