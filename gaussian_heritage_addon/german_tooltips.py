@@ -169,6 +169,7 @@ TEXTS: dict[str, str] = {
     "How the viewports show splats. Renders always show all Gaussians": (
         "Wie die Ansichten Splats zeigen. Gerendert werden immer alle Gauß-Glocken"
     ),
+    "Id of the object in the project": "Kennung des Objekts im Projekt",
     "Id of the object in the project; empty: the object selected in the list": (
         "Kennung des Objekts im Projekt; leer: das in der Liste gewählte Objekt"
     ),
@@ -292,6 +293,7 @@ TEXTS: dict[str, str] = {
     ),
     "Replace existing files": "Vorhandene Dateien ersetzen",
     "Select the isolated object that is seen at the click": "Das freigestellte Objekt am Klick auswählen",
+    "Select this object in the list, and look at it": "Dieses Objekt in der Liste auswählen und ansehen",
     "Selected splats, including whole scenes": "Ausgewählte Splats, auch ganze Szenen",
     "In a new file, set the render engine to Cycles, with the settings that splats need": (
         "In einer neuen Datei Cycles als Renderer wählen, mit den Einstellungen, die Splats brauchen"

@@ -10,6 +10,7 @@ from bpy.props import BoolProperty
 
 from ..engine.errors import HeritageError, ObjectError
 from ..engine.jobs import Click
+from ..gaussian_heritage_addon.click_masks import ClickMasks
 from ..gaussian_heritage_addon.click_session import ClickSession, EventResult
 from ..gaussian_heritage_addon.clicking import Viewport
 from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
@@ -54,6 +55,11 @@ class HERITAGE_OT_click_object(SegmentOperator):
             raise ObjectError("Select an isolated object in the list first.")
         self._viewport = Viewport.of(context)
         self._session, self._directions = ClickSession(), dict[Click, tuple[float, float]]()
+        corrected = active_object(context.scene) if self.refine else None
+        object_id = "" if corrected is None else corrected.heritage.object_id
+        self._masks = ClickMasks(self._viewport, object_id, self._update_header)
+        self._masks.start()
+        self._masks.ask(())
         self._handler = add_draw_handler(bpy.types.SpaceView3D, self._draw)
         context.window_manager.modal_handler_add(self)
         self._update_header()
@@ -86,6 +92,7 @@ class HERITAGE_OT_click_object(SegmentOperator):
         if result in (EventResult.CONFIRMED, EventResult.CANCELLED):
             self.cancel(context)
             return self._isolate() if result is EventResult.CONFIRMED else {"CANCELLED"}
+        self._masks.ask(session.clicks)
         self._update_header()
         return {"RUNNING_MODAL"}
 
@@ -95,6 +102,7 @@ class HERITAGE_OT_click_object(SegmentOperator):
             return
         handler, self._handler = self._handler, None
         remove_draw_handler(bpy.types.SpaceView3D, handler)
+        self._masks.close()
         self._viewport.area.header_text_set(None)
         self._viewport.area.tag_redraw()
 
@@ -105,10 +113,12 @@ class HERITAGE_OT_click_object(SegmentOperator):
     def _draw(self) -> None:
         # Blender calls this for every 3D viewport.
         if bpy.context.area == self._viewport.area:
+            self._masks.draw()
             self._viewport.draw_marks([(click, self._directions[click]) for click in self._session.clicks])
 
     def _update_header(self) -> None:
-        self._viewport.area.header_text_set(translated(_HELP, *self._session.counts()))
+        help_text, status = translated(_HELP, *self._session.counts()), translated(self._masks.status())
+        self._viewport.area.header_text_set(f"{help_text}   |   {status}" if status else help_text)
         self._viewport.area.tag_redraw()
 
     def _isolate(self) -> set[str]:

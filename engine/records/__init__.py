@@ -14,6 +14,7 @@ from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
 from .lido import lido_xml
 from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
 from .object_record import (
+    PICTURE_FILE,
     RECORD_FILE,
     ObjectRecord,
     found_again,
@@ -29,6 +30,7 @@ from .paradata import describe_object, describe_scene, scene_title
 __all__ = [
     "EXAMPLE_ADDRESS",
     "MUSEUM_RECORD_FILE",
+    "PICTURE_FILE",
     "RECORD_FILE",
     "MuseumRecord",
     "ObjectRecord",

@@ -15,6 +15,7 @@ from ..provenance import RUN
 from ..settings import to_dict
 
 __all__ = [
+    "PICTURE_FILE",
     "RECORD_FILE",
     "ObjectRecord",
     "new_id",
@@ -27,6 +28,8 @@ __all__ = [
 ]
 
 RECORD_FILE = "object.json"
+PICTURE_FILE = "picture.png"
+"""What an object with an unsure name shows on a photo; only such objects have it."""
 _ADVICE = "Delete its folder and isolate the object again."
 
 _POINTS: Schema = [{"photo": str, "x": float, "y": float}]

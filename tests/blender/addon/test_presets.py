@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -52,7 +53,7 @@ def drawn_import(part: Part, photos: Path) -> FakeLayout:
 def wait_for(times: ModuleType) -> None:
     """Poll until the engine has answered."""
     while times.poll() is not None:
-        pass
+        time.sleep(0.02)
 
 
 def test_presets_are_a_choice_and_no_free_text(blender: ModuleType, tmp_path: Path) -> None:
