@@ -10,6 +10,9 @@ TEXTS: dict[str, str] = {
     "A distance that you have measured on the real object, in metres; then pick its two ends": (
         "Ein Abstand, den Sie am echten Objekt gemessen haben, in Metern; klicken Sie dann seine beiden Enden an"
     ),
+    "A distance that you have measured on the real object, such as 30 cm; then pick its two ends": (
+        "Ein Abstand, den Sie am echten Objekt gemessen haben, etwa 30 cm; klicken Sie dann seine beiden Enden an"
+    ),
     "A dot for each Gaussian, the fastest": "Ein Punkt je Gauß-Glocke; am schnellsten",
     "A Gaussian with a lower opacity is faint": "Eine Gauß-Glocke mit geringerer Deckkraft gilt als blass",
     "A Gaussian with fewer others near it is isolated; most have about 20": (

@@ -14,7 +14,15 @@ from ..engine.errors import FormatError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
 from .measurement_history import remember
-from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties
+from .moved_views import follow_move
+from .placement import (
+    RULER_KEY,
+    apply_measurement,
+    is_metric,
+    placement_of,
+    placement_properties,
+    world_from_scene,
+)
 from .properties import heritage_objects, project_of
 
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
@@ -63,8 +71,12 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
     except FormatError:
         # A damaged file is replaced, and does not come back.
         before = Measurement()
+    wholes = heritage_objects(scene, "SCENE")[:1]
+    former = world_from_scene(wholes[0]) if wholes else None
     save_measurement(project, measurement)
     apply_measurement(scene, measurement)
+    if former is not None:
+        follow_move(scene, measurement.measured_from_world @ np.linalg.inv(former))
     remember(scene, before, measurement)
     bpy.context.view_layer.update()
     for ruler, length in rulers(scene):
