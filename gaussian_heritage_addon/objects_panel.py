@@ -136,7 +136,7 @@ def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound, scene: bpy.typ
     row.label(text="Not found", icon="QUESTION")
     row.operator("heritage.dismiss_candidates", text="", icon="X", emboss=False)
     for refusal in not_found.refusals[:_MAX_MESSAGES]:
-        draw_text(box, refusal.message)
+        draw_text(box, refusal.message, n_boxes=1)
         _draw_meant(box, refusal, names)
     if len(not_found.refusals) > _MAX_MESSAGES:
         box.label(text=translated("... and {} more", len(not_found.refusals) - _MAX_MESSAGES))

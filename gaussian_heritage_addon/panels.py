@@ -85,10 +85,10 @@ def _draw_undecided(layout: bpy.types.UILayout, *, is_new_scene: bool) -> None:
     for number, project in enumerate(job_runner.undecided()):
         box = layout.box()
         if job_runner.ended_while_away(number):
-            draw_text(box, translated("A job on {} ended while you were away.", project.name), icon="TIME")
+            draw_text(box, translated("A job on {} ended while you were away.", project.name), icon="TIME", n_boxes=1)
         if not is_new_scene:
             sentence = translated("The result of {} is ready. This scene shows another project.", project.name)
-            draw_text(box, sentence, icon="QUESTION")
+            draw_text(box, sentence, icon="QUESTION", n_boxes=1)
         row = box.row(align=True)
         row.operator("heritage.open_result", text="Open" if is_new_scene else "Open in Own Scene").number = number
         row.operator("heritage.dismiss_result", text="Leave").number = number
@@ -118,8 +118,11 @@ def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         # A preview is only a first look: its next step is one button.
         label = translated("Improve to {}", translated(better.capitalize()))
         layout.operator("heritage.improve_scene", text=label, icon="SHADERFX").preset = better
-    layout.row().prop(properties, "show", expand=True)
-    layout.row().prop(properties, "blending", expand=True)
+    for name in ("show", "blending"):
+        # Without its name, a pair of switches does not say what it switches.
+        column = layout.column(align=True)
+        column.label(text=properties.bl_rna.properties[name].name)
+        column.row().prop(properties, name, expand=True)
     row = layout.row(align=True)
     row.operator("heritage.look_through_photo", text="", icon="TRIA_LEFT").step = -1
     row.operator("heritage.look_through_photo", text=current_photo(scene) or "Look Through Photo")
@@ -147,7 +150,8 @@ class HERITAGE_PT_progress(bpy.types.Panel):
         """Draw the panel."""
         shown = _shown_job()
         if shown is not None:
-            draw_job(self.layout, *shown)
+            # The bar stands in the first row of the tab.
+            draw_job(self.layout, *shown, bar=False)
         for number, one in enumerate(job_runner.waiting()):
             row = self.layout.row(align=True)
             row.label(text=translated("Then: {} {}", one.kind, one.subject.name), icon="SORTTIME")

@@ -25,6 +25,7 @@ from . import (
     isolate_background,
     look_through_photo,
     measure_scene,
+    menus,
     open_project,
     open_result,
     pick_object,
@@ -74,6 +75,7 @@ _MODULES = (
     solo_object,
     copy_as_native,
     render_settings,
+    menus,
 )
 CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 
@@ -95,12 +97,14 @@ def register() -> None:
         guards.register_class(cls)
     guards.add_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
     guards.add_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
+    guards.add_menu_entry(bpy.types.VIEW3D_MT_object, menus.object_menu)
     shortcuts.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
     shortcuts.unregister()
+    guards.remove_menu_entry(bpy.types.VIEW3D_MT_object, menus.object_menu)
     guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
     guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
     for cls in reversed(CLASSES):
