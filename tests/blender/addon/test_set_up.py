@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -130,3 +131,46 @@ def test_reason_of_a_failed_set_up_survives_a_restart(
     assert "holiday.zip is not an offline bundle" in " ".join(draw("HERITAGE_PT_scene").texts)
     module.store_set_up_problem("")
     assert "holiday.zip" not in " ".join(draw("HERITAGE_PT_scene").texts)
+
+
+def drawn_preferences(installed: str) -> FakeLayout:
+    """Draw the page of the add-on in Blender's preferences."""
+    preferences, layout = bpy.context.preferences.addons[installed].preferences, FakeLayout()
+    names = preferences.__annotations__
+    values = {name: getattr(preferences, name) for name in names}
+    fake = SimpleNamespace(layout=layout, bl_rna=preferences.bl_rna, **values)
+    type(preferences).draw(fake, bpy.context)
+    return layout
+
+
+def test_each_model_says_what_it_is_good_for_and_licences_are_folded(
+    preferences: Any, folder: Path, installed: str, part: Part
+) -> None:
+    models = part("gaussian_heritage_addon.model_files").list_models()
+    good_for = part("gaussian_heritage_addon.preferences_page")._GOOD_FOR
+    assert set(good_for) == {model.name for model in models}
+    texts = " ".join(drawn_preferences(installed).texts)
+    for model in models:
+        assert good_for[model.name] in texts and model.terms[0] not in texts
+    preferences.show_licences = True
+    try:
+        unfolded = " ".join(drawn_preferences(installed).texts)
+        assert all(" ".join(model.terms[0].split()) in unfolded for model in models)
+    finally:
+        preferences.show_licences = False
+
+
+def test_preferences_say_what_uninstalling_leaves_and_how_to_delete_it(
+    preferences: Any, folder: Path, installed: str, part: Part
+) -> None:
+    assert "Uninstalling" not in " ".join(drawn_preferences(installed).texts)
+    part("gaussian_heritage_addon.installation").installed_engine().begin()
+    sizes = part("gaussian_heritage_addon.folder_size")
+    (folder / "packages").write_bytes(b"x" * 10_000)
+    assert sizes.count(folder) > 10_000
+    while sizes.folder_bytes(folder) is None:
+        time.sleep(0.01)
+    texts = " ".join(drawn_preferences(installed).texts)
+    assert "Uninstalling the add-on leaves the engine (0.0 GB)" in texts and "Press Remove first" in texts
+    # A path is broken behind its separators.
+    assert str(folder).replace(" ", "") in texts.replace(" ", "")
