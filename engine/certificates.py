@@ -7,6 +7,7 @@ with a certificate of its own. Standard library only; where pip is at hand, its 
 from __future__ import annotations
 
 import http.client
+import importlib
 import os
 import ssl
 import tempfile
@@ -34,7 +35,7 @@ def system_context() -> ssl.SSLContext:
     """
     try:
         # Python alone does not read the keychain of macOS, nor what Windows fetches only when it is needed.
-        from pip._vendor import truststore
+        truststore: Any = importlib.import_module("pip._vendor.truststore")
     except ImportError:
         return ssl.create_default_context()
     context: ssl.SSLContext = truststore.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

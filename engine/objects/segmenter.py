@@ -282,15 +282,14 @@ class Segmenter:
             record = self._record(item, asked, item.name or name, started)
             if item.id:
                 record = replace(record, id=item.id, name=names.get(item.id, record.name))
-            previews: list[tuple[str, Pixels | Mask]] = [
-                ("seed", best.view.to_photo(best.mask)) for best in item.evidence[:1]
-            ]
-            if "text" in asked and item.score < SURE_SCORE:
-                # A name that may be wrong is shown beside what it names.
-                previews += [
-                    (PurePath(PICTURE_FILE).stem, cut_out(context.photos.pixels(best.view.camera), mask))
-                    for best, (_, mask) in zip(item.evidence, previews, strict=False)
-                ]
+            previews: list[tuple[str, Pixels | Mask]] = []
+            for best in item.evidence[:1]:
+                mask = best.view.to_photo(best.mask)
+                previews.append(("seed", mask))
+                if "text" in asked and item.score < SURE_SCORE:
+                    # A name that may be wrong is shown beside what it names.
+                    picture = cut_out(context.photos.pixels(best.view.camera), mask)
+                    previews.append((PurePath(PICTURE_FILE).stem, picture))
             levels = item.levels.memberships
             save_object(self.project.path, record, item.membership, previews, levels=levels, polished=polished)
             records.append(record)

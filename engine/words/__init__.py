@@ -3,7 +3,7 @@
 Standard library only: Blender and the server split prompts as the engine does.
 """
 
-from .likeness import Likeness, likeness
+from .alike import Likeness, likeness
 from .splitting import join_texts, split_texts
 from .vocabulary_words import called_nearly, normalised, similarly_spelt, word_list
 

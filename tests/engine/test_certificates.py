@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import pip._vendor
 import pytest
 
 from engine.certificates import system_context, untrusted_certificate
@@ -68,7 +67,6 @@ def test_certificates_are_those_of_the_operating_system_where_pip_has_truststore
 
     truststore = type("truststore", (), {"SSLContext": OfTheSystem})
     monkeypatch.setitem(sys.modules, "pip._vendor.truststore", truststore)
-    monkeypatch.setattr(pip._vendor, "truststore", truststore, raising=False)
     monkeypatch.setenv("SSL_CERT_FILE", str(CERTIFICATE))
     assert isinstance(system_context(), OfTheSystem) and made == [CERTIFICATE]
     assert system_context().verify_mode is ssl.CERT_REQUIRED
