@@ -159,13 +159,14 @@ class ClickPreview:
 
     def _read(self, lines: IO[str]) -> None:
         told = False
-        for line in lines:
-            event = events.from_json_line(line)
-            if isinstance(event, events.Finished):
-                self._answers.put(_answer(event.outputs))
-            elif isinstance(event, events.ErrorEvent):
-                told = True
-                self._answers.put(ClickAnswer("", {}, event.message))
+        with lines:
+            for line in lines:
+                event = events.from_json_line(line)
+                if isinstance(event, events.Finished):
+                    self._answers.put(_answer(event.outputs))
+                elif isinstance(event, events.ErrorEvent):
+                    told = True
+                    self._answers.put(ClickAnswer("", {}, event.message))
         if not told:
             self._answers.put(ClickAnswer("", {}, "The engine stopped showing what clicks mean. Click Object again."))
 
