@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import events
-from ..errors import FormatError
-from ..files import check
+from ..files import check, parse_json
 from ..system import no_window
 from .prompt_arguments import Click
 
@@ -53,12 +52,7 @@ def read_question(line: str) -> tuple[str, list[Click], str]:
     FormatError
         When the line is no question.
     """
-    try:
-        value = json.loads(line)
-    except ValueError:
-        value = None
-    if problem := check(value, _QUESTION):
-        raise FormatError(f"A question about clicks cannot be read: {problem}. Update the add-on and the engine.")
+    value = parse_json(line, _QUESTION, source="A question about clicks", advice="Update the add-on and the engine.")
     places = value["clicks"]
     return value["photo"], [Click(one["photo"], one["x"], one["y"], one["wanted"]) for one in places], value["object"]
 

@@ -18,7 +18,7 @@ def test_words_stay_whole_and_lines_fit() -> None:
     assert len(lines) == 3
 
 
-@pytest.mark.parametrize("path", ["/home/anna/Fotos/Saal 3/vase", r"C:\Users\Anna\Sammlung\vase_blau\project.json"])
+@pytest.mark.parametrize("path", ["/Museum/anna/Fotos/Saal 3/vase", r"D:\Anna\Sammlung\vase_blau\project.json"])
 def test_path_is_broken_behind_its_separators(path: str) -> None:
     lines = lines_of(f"The project {path} is missing.", 20, len)
     assert all(len(line) <= 20 for line in lines)
