@@ -1,7 +1,7 @@
 """Open a URL by https and by nothing else, also after redirects.
 
 Proxies are taken from the environment (``HTTPS_PROXY``, ``NO_PROXY``), as usual in Python. Certificates are those of
-the system, or of ``SSL_CERT_FILE``. The settings of another client may say otherwise, see `Connection`.
+the system and of ``SSL_CERT_FILE``, see `certificates`. Another client's settings may say otherwise, see `Connection`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote, urljoin, urlsplit
 
-from .errors import ModelFileError
+from .certificates import system_context, untrusted_certificate
+from .errors import EnvironmentProblem, ModelFileError
 
 __all__ = ["Connection", "open_https"]
 
@@ -51,7 +52,7 @@ class Connection:
 
     def context(self) -> ssl.SSLContext:
         """Return the settings of TLS; raises `OSError` when a file of certificates cannot be read."""
-        context = ssl.create_default_context()
+        context = system_context()
         for file in self.certificates:
             if file.is_file():
                 context.load_verify_locations(file)
@@ -92,6 +93,8 @@ def open_https(
     ------
     ModelFileError
         When the URL, or one that it redirects to, is not https.
+    EnvironmentProblem
+        When the certificate of the server is not trusted, as in networks that inspect encrypted connections.
     OSError, http.client.HTTPException, ValueError
         When the network or the server fails, or a redirect leads to an address that is not valid.
     """
@@ -129,4 +132,13 @@ def open_https(
             error.close()
             # As in urllib: headers are read as ISO-8859-1, and an address may have characters beyond ASCII.
             address = urljoin(address, quote(location, safe=string.punctuation, encoding="iso-8859-1"))
+        except urllib.error.URLError as error:
+            if not isinstance(error.reason, ssl.SSLCertVerificationError):
+                raise
+            parts = urlsplit(address)
+            sentence = untrusted_certificate(
+                parts.hostname or "", parts.port or 443, why=error.reason.verify_message,
+                proxies=connection.proxies(parts.hostname or ""),
+            )  # fmt: skip
+            raise EnvironmentProblem(sentence) from error
     raise http.client.HTTPException(f"more than {_MAX_REDIRECTS} redirects")

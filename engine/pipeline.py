@@ -33,6 +33,7 @@ from .planning import (
 )
 from .project_folder import ProjectFolder
 from .rasterizer import Device, choose_training_device
+from .reconstruction_input import ReconstructionInput, store_input
 from .scene import PhotoSet
 from .stages import (
     STAGES,
@@ -114,6 +115,7 @@ def reconstruct(
     """
     if out.resolve() == photos.resolve():
         raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")
+    given_photos = photos
     with ProjectFolder.create(out) as project, contextlib.ExitStack() as running:
         runner = StageRunner(project, emit, should_stop)
         if is_video(photos):
@@ -128,6 +130,7 @@ def reconstruct(
         )  # fmt: skip
         project.put("photo_folder", str(photos.resolve()))
         project.put("engine_version", __version__)
+        store_input(project, _input_of(given_photos, settings))
         preset, wanted = settings.plan.preset, STAGES[: STAGES.index(until) + 1]
         # A finished training and the stages before it need no card, whose test takes seconds.
         looks_for_card = "training" in wanted and training_is_to_come(
@@ -193,6 +196,20 @@ def reconstruct(
             # The finished stages inform the next forecast, also when the others were stopped.
             update_calibration(project, runner.computed, work, forecast, calibration)
         return project
+
+
+def _input_of(photos: Path, settings: PipelineSettings) -> ReconstructionInput:
+    def absolute(path: Path | None) -> str | None:
+        return None if path is None else str(path.resolve())
+
+    return ReconstructionInput(
+        str(photos.resolve()),
+        absolute(settings.camera_model),
+        absolute(settings.photo_masks),
+        settings.mask_background,
+        settings.plan.exclude_transients,
+        settings.plan.wants_objects,
+    )
 
 
 def _masks_beside(

@@ -14,15 +14,18 @@ from .errors import FormatError, ProjectError
 from .files import delete_derived, optional, path_within, read_json
 from .project_content import is_project
 
-__all__ = ["Candidate", "NotFound", "dismiss", "read_not_found"]
+__all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found"]
 
 _FILE = ("objects", "candidates.json")
 _SCHEMA = {
-    "refused": [{"message": str}],
-    "candidates": optional([{"number": int, "text": str, "score": float, "photo": str, "picture": str}]),
+    "refused": [{"message": str, "text": optional(str), "suggestions": optional([str]), "objects": optional([str])}],
+    "candidates": optional(
+        [{"number": int, "text": str, "score": float, "photo": str, "picture": str, "object": optional((str, None))}]
+    ),
 }
 _MAX_SHOWN = 50
 """Prompts and candidates that a panel can show."""
+_MAX_SUGGESTIONS = 5
 _MAX_TEXT = 1000
 """Characters of a text that are kept."""
 
@@ -43,6 +46,8 @@ class Candidate:
         Name of the photo that `picture` was cropped from.
     picture : Path
         Crop of the candidate. The file may be missing.
+    object_id : str
+        Id of the stored object that it is; empty for none.
     """
 
     number: int
@@ -50,6 +55,29 @@ class Candidate:
     score: float
     photo: str
     picture: Path
+    object_id: str = ""
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A prompt that was not found.
+
+    Attributes
+    ----------
+    message : str
+        Why, as a sentence.
+    text : str
+        The prompt; empty in files of earlier releases.
+    suggestions : tuple of str
+        Prompts that may have been meant.
+    object_ids : tuple of str
+        Stored objects whose names are spelt nearly like it.
+    """
+
+    message: str
+    text: str = ""
+    suggestions: tuple[str, ...] = ()
+    object_ids: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -58,13 +86,12 @@ class NotFound:
 
     Attributes
     ----------
-    messages : tuple of str
-        One sentence for each prompt.
+    refusals : tuple of Refusal
     candidates : tuple of Candidate
         Best first for each prompt.
     """
 
-    messages: tuple[str, ...]
+    refusals: tuple[Refusal, ...]
     candidates: tuple[Candidate, ...]
 
 
@@ -93,11 +120,18 @@ def _read(project: Path, file: Path, changed: int) -> NotFound | FormatError:
     try:
         data = read_json(file, _SCHEMA, advice="Delete it and search again.")
         return NotFound(
-            messages=tuple(refused["message"][:_MAX_TEXT] for refused in data["refused"][:_MAX_SHOWN]),
+            refusals=tuple(map(_refusal, data["refused"][:_MAX_SHOWN])),
             candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())[:_MAX_SHOWN]),
         )
     except FormatError as error:
         return error
+
+
+def _refusal(entry: dict[str, Any]) -> Refusal:
+    def few(name: str) -> tuple[str, ...]:
+        return tuple(text[:_MAX_TEXT] for text in entry.get(name, ())[:_MAX_SUGGESTIONS])
+
+    return Refusal(entry["message"][:_MAX_TEXT], entry.get("text", "")[:_MAX_TEXT], few("suggestions"), few("objects"))
 
 
 def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:
@@ -107,6 +141,7 @@ def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:
         score=float(entry["score"]),
         photo=entry["photo"][:_MAX_TEXT],
         picture=path_within(project, entry["picture"]),
+        object_id=(entry.get("object") or "")[:_MAX_TEXT],
     )
 
 

@@ -13,6 +13,7 @@ from . import (
     panels,
     pictures,
     preferences_page,
+    preset_times,
     problems,
     project_history,
     properties,
@@ -64,6 +65,7 @@ def unregister() -> None:
     open_projects.unregister()
     solid_mode.unregister()
     job_runner.unregister()
+    preset_times.stop()
     pictures.unregister()
     display_settings.unregister()
     object_state.unregister()

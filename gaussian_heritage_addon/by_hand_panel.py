@@ -8,6 +8,7 @@ from ..engine.errors import HeritageError
 from ..engine.scene import Measurement
 from .first_view import CATEGORY
 from .layouts import draw_text
+from .lengths import write_length
 from .measuring import current_measurement, length_text, rulers
 from .properties import HeritageScene, active_object, project_of
 from .translations import translated
@@ -106,15 +107,16 @@ class HERITAGE_PT_measure(_ProjectPanel):
 def _draw_scale(layout: bpy.types.UILayout, properties: HeritageScene, measurement: Measurement) -> None:
     if measurement.metres_per_unit is None:
         draw_text(layout, "The unit is unknown. Pick two points whose distance you know.", icon="INFO")
+    layout.label(text="Known Distance")
     row = layout.row(align=True)
-    row.prop(properties, "known_distance")
+    row.prop(properties, "known_distance_text", text="")
     button = row.operator("heritage.measure", text="Pick", icon="EYEDROPPER")
     button.action, button.metres = "DISTANCE", properties.known_distance
     pairs = zip(measurement.distances, measurement.residuals, strict=True)
     for number, (distance, residual) in enumerate(pairs, 1):
         row = layout.row(align=True)
         off = f" ({residual * 1000:+.1f} mm)" if len(measurement.distances) > 1 else ""
-        row.label(text=f"{distance.metres:.4g} m{off}")
+        row.label(text=f"{write_length(distance.metres)}{off}")
         row.operator("heritage.clear_measurement", text="", icon="X").distance = number
     if measurement.scale_residual is not None:
         layout.label(text=translated("They agree within {:.1f} mm", measurement.scale_residual * 1000))

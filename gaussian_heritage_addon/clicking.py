@@ -120,6 +120,16 @@ class Viewport:
             np.array(drawn_matrix(self.scene.camera), np.float64),
         )
 
+    def frame(self) -> tuple[float, float, float, float] | None:
+        """Return where the region shows the photo: left, bottom, right, top in pixels; None without a camera view."""
+        if self._space.region_3d.view_perspective != "CAMERA" or self.scene.camera is None:
+            return None
+        corners = self.scene.camera.data.view_frame(scene=self.scene)
+        view = self._view()
+        # Blender looks along -Z, with Y up.
+        spots = [view.region_position((x / -z, y / z)) for x, y, z in corners]
+        return min(x for x, _ in spots), min(y for _, y in spots), max(x for x, _ in spots), max(y for _, y in spots)
+
     def draw_marks(self, marks: list[tuple[Click, tuple[float, float]]]) -> None:
         """Draw the clicks on the current photo. Blender calls this while it draws the viewport."""
         if self._space.region_3d.view_perspective != "CAMERA":

@@ -30,6 +30,9 @@ TEXTS: dict[str, str] = {
     "A distance that you have measured on the real object, in metres; then pick its two ends": (
         "Ein Abstand, den Sie am echten Objekt gemessen haben, in Metern; klicken Sie dann seine beiden Enden an"
     ),
+    "A distance that you have measured on the real object, such as 30 cm; then pick its two ends": (
+        "Ein Abstand, den Sie am echten Objekt gemessen haben, etwa 30 cm; klicken Sie dann seine beiden Enden an"
+    ),
     "A dot for each Gaussian, the fastest": "Ein Punkt je Gauß-Glocke; am schnellsten",
     "A Gaussian with a lower opacity is faint": "Eine Gauß-Glocke mit geringerer Deckkraft gilt als blass",
     "A Gaussian with fewer others near it is isolated; most have about 20": (
@@ -148,6 +151,9 @@ TEXTS: dict[str, str] = {
         "Datei, aus der die Engine ohne Netz eingerichtet wird; leer: alles herunterladen"
     ),
     "Folder for the exported files": "Ordner für die exportierten Dateien",
+    "Folder that the scene is stored in; empty: create it next to the photo folder": (
+        "Ordner, in dem die Szene gespeichert wird; leer: neben dem Fotoordner anlegen"
+    ),
     "Folder with a mask for each photo, named like it; what is black in them is left out": (
         "Ordner mit einer Maske je Foto, benannt wie das Foto; was darin schwarz ist, bleibt außer Acht"
     ),
@@ -187,7 +193,7 @@ TEXTS: dict[str, str] = {
     "How far behind the visible surface the region reaches": (
         "Wie weit der Bereich hinter die sichtbare Oberfläche reicht"
     ),
-    "How much work; the list says what each choice takes": "Wie viel Arbeit; die Liste sagt, was jede Wahl kostet",
+    "How much work is done, and how good the scene becomes": "Wie viel gerechnet wird, und wie gut die Szene wird",
     "How the object was found: text, click, all or background": (
         "Wie das Objekt gefunden wurde: Text (text), Klick (click), alle (all) oder Hintergrund (background)"
     ),
@@ -195,6 +201,7 @@ TEXTS: dict[str, str] = {
     "How the viewports show splats. Renders always show all Gaussians": (
         "Wie die Ansichten Splats zeigen. Gerendert werden immer alle Gauß-Glocken"
     ),
+    "Id of the object in the project": "Kennung des Objekts im Projekt",
     "Id of the object in the project; empty: the object selected in the list": (
         "Kennung des Objekts im Projekt; leer: das in der Liste gewählte Objekt"
     ),
@@ -270,9 +277,6 @@ TEXTS: dict[str, str] = {
     "Number of photos to move on, by name": "Um wie viele Fotos es weitergeht, nach Namen geordnet",
     "Number of the candidate": "Nummer des Kandidaten",
     "Number of the distance to remove; 0: everything": "Nummer des Abstands, der entfernt wird; 0: alles",
-    "Objects to isolate at the end, in English words, separated by commas (vase, teapot)": (
-        "Objekte, die am Ende freigestellt werden, auf Englisch, durch Kommas getrennt (vase, teapot)"
-    ),
     "Objects to isolate, in English words; separate several with commas (vase, teapot)": (
         "Freizustellende Objekte in Worten, auf Englisch; mehrere durch Kommas trennen (vase, teapot)"
     ),
@@ -295,9 +299,6 @@ TEXTS: dict[str, str] = {
     "Pixels from the left edge of the photo": "Pixel vom linken Rand des Fotos",
     "Pixels from the top edge of the photo": "Pixel vom oberen Rand des Fotos",
     "Project folder of this scene": "Projektordner dieser Szene",
-    "Project folder; empty: create it next to the photo folder": (
-        "Projektordner; leer: ihn neben dem Fotoordner anlegen"
-    ),
     (
         "Python 3.11, 3.12 or 3.13 that the engine is set up with. Empty: Blender's own where PyTorch can be "
         "had for it, or another one of this computer"
@@ -316,11 +317,15 @@ TEXTS: dict[str, str] = {
         "sie eine Arbeitskopie des Repositorys ist, oder die eingerichtete Engine. Anderswo wird nicht "
         "gesucht, und keine .blend-Datei kann das ändern"
     ),
+    "Reconstruct this scene again, in the same project, from the same photos, with a better preset": (
+        "Diese Szene im selben Projekt, aus denselben Fotos, mit einer besseren Voreinstellung neu rekonstruieren"
+    ),
     "Remove a known distance, or all that was measured. The scene gets its former place and size": (
         "Einen bekannten Abstand oder alles Gemessene entfernen. Die Szene bekommt ihre frühere Lage und Größe"
     ),
     "Replace existing files": "Vorhandene Dateien ersetzen",
     "Select the isolated object that is seen at the click": "Das freigestellte Objekt am Klick auswählen",
+    "Select this object in the list, and look at it": "Dieses Objekt in der Liste auswählen und ansehen",
     "Selected splats, including whole scenes": "Ausgewählte Splats, auch ganze Szenen",
     "In a new file, set the render engine to Cycles, with the settings that splats need": (
         "In einer neuen Datei Cycles als Renderer wählen, mit den Einstellungen, die Splats brauchen"
@@ -334,6 +339,7 @@ TEXTS: dict[str, str] = {
     ),
     "Show the folder of the project in the system's file browser": "Den Ordner des Projekts zeigen",
     "Show the isolated objects": "Die freigestellten Objekte zeigen",
+    "Show the licence of each model, and who may use it": "Die Lizenz jedes Modells zeigen, und wer es benutzen darf",
     "Show the whole scene": "Die ganze Szene zeigen",
     "Show what floats around the object, isolated or faint Gaussians, as a selection in Edit Mode; or remove it": (
         "Was um das Objekt schwebt, einzelne oder blasse Gauß-Glocken, im Bearbeitungsmodus auswählen; oder entfernen"
@@ -368,6 +374,7 @@ TEXTS: dict[str, str] = {
     "The object in English words, for example vase": "Das Objekt in Worten, auf Englisch, zum Beispiel vase",
     "The origin of each object is that of its file": "Der Ursprung jedes Objekts ist der seiner Datei",
     "The point that becomes the origin": "Der Punkt, der zum Ursprung wird",
+    "The preset after that of the scene": "Die Voreinstellung nach der der Szene",
     "The surface when something is added, everything when something is taken": (
         "Die Oberfläche beim Hinzufügen, alles beim Wegnehmen"
     ),
@@ -387,6 +394,9 @@ TEXTS: dict[str, str] = {
     ),
     "What a click does": "Was ein Klick bewirkt",
     "What is done with the Gaussians in the region": "Was mit den Gauß-Glocken im Bereich geschieht",
+    "What is searched for at the end, in English words, separated by commas (vase, teapot)": (
+        "Was am Ende gesucht wird, in englischen Wörtern, durch Kommas getrennt (vase, teapot)"
+    ),
     "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs": (
         "Was die Datei angibt; sonst Y für SPZ, und -Y wie in den Dateien der meisten Programme"
     ),

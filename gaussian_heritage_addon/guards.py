@@ -71,10 +71,10 @@ def property_callbacks(cls: type) -> list[tuple[Any, str, Function]]:
 
 
 def redraw() -> None:
-    """Draw again what shows the state of a job: sidebars and preferences, not the scene, which may take minutes."""
+    """Draw again what shows the state of a job: sidebars, preferences, file browsers. The scene may take minutes."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "PREFERENCES":
+            if area.type in ("PREFERENCES", "FILE_BROWSER"):
                 area.tag_redraw()
             elif area.type == "VIEW_3D":
                 for region in area.regions:

@@ -20,7 +20,7 @@ from . import problems
 from .engine_process import engine_command
 from .first_view import show_job, show_scene
 from .guards import Timer, add_load_handler, redraw, remove_handler
-from .preferences import current_environment, current_python, user_folder
+from .preferences import current_environment, current_python, store_set_up_problem, user_folder
 from .project_history import catch_up
 from .properties import project_of
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
@@ -164,6 +164,8 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
     if bpy.app.background:
         state = job.wait()
         job.mark_taken()
+        if kind == "set-up":
+            store_set_up_problem(state.error)
         if state.error:
             raise HeritageError(state.error)
         import_results(job, state, scene_for(subject))
@@ -345,6 +347,8 @@ def _poll_job() -> float | None:
 
 def _take_end(job: Job, state: JobState) -> None:
     """Import the result of a job that has ended, or ask where it belongs."""
+    if job.kind == "set-up":
+        store_set_up_problem(state.error)
     if job.is_taken():
         return
     if not state.finished:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..engine.errors import FormatError, HeritageError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
+from .moved_views import follow_move
 from .placement import RULER_KEY, apply_measurement, is_metric, placement_properties, scene_placement, shows_project
 from .project_history import remember_measurement
 from .properties import heritage_objects, project_of
@@ -65,6 +66,12 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
     except FormatError:
         # A damaged file is replaced, and does not come back.
         before = Measurement()
+    former = {
+        one: scene_placement(whole)
+        for one in bpy.data.scenes
+        if shows_project(one, project)
+        for whole in heritage_objects(one, "SCENE")[:1]
+    }
     # In every scene of the file: objects that stayed behind would show other lengths than those that are stored.
     save_measurement(project, measurement)
     done: list[bpy.types.Scene] = []
@@ -80,6 +87,8 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
     scenes = [one for one in bpy.data.scenes if shows_project(one, project)]
     remember_measurement(scenes, before, measurement)
     for one in scenes:
+        if one in former:
+            follow_move(one, measurement.measured_from_world @ np.linalg.inv(former[one]))
         for ruler, length in rulers(one):
             ruler.name = length_text(one, length)
 

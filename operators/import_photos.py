@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, StringProperty
+from bpy.app.translations import pgettext_n
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 
 from ..engine.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project_content import default_project_folder
 from ..engine.training.settings import PRESET_LIST
 from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.translations import translated
+from ..gaussian_heritage_addon.preset_choice import PHOTO_SUFFIXES, draw_presets
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .dropped_files import DroppedIntoView
 
 __all__ = ["CLASSES"]
 
 _DIALOG_WIDTH = 450
-_PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
-"""What may be dropped. The engine reads the whole folder, also files with other suffixes."""
-OFFERED_PRESETS = [preset for preset in PRESET_LIST if preset.offered]
-
-
-def _search_presets(operator: bpy.types.Operator, context: bpy.types.Context, typed: str) -> list[tuple[str, str]]:
-    return [(preset.name, translated(preset.description)) for preset in OFFERED_PRESETS]
+_LABELLED = (
+    ("prompts", pgettext_n("vase, teapot; empty: none")),
+    ("cameras", pgettext_n("Empty: estimated from the photos")),
+    ("masks", pgettext_n("Empty: no masks")),
+    ("project", pgettext_n("Empty: a new folder beside the photos")),
+)
+"""Fields below their own labels, with what they show while they are empty."""
+_DIALOG_LINE_LENGTH = 65
 
 
 @blender_properties
@@ -59,8 +62,8 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     project: Annotated[
         str,
         StringProperty(
-            name="Project",
-            description="Project folder; empty: create it next to the photo folder",
+            name="Project Folder",
+            description="Folder that the scene is stored in; empty: create it next to the photo folder",
             subtype="DIR_PATH",
             options={"SKIP_SAVE"},
         ),
@@ -68,15 +71,15 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     prompts: Annotated[
         str,
         StringProperty(
-            name="Objects",
-            description="Objects to isolate at the end, in English words, separated by commas (vase, teapot)",
+            name="Objects to Isolate",
+            description="What is searched for at the end, in English words, separated by commas (vase, teapot)",
             options={"SKIP_SAVE"},
         ),
     ]
     cameras: Annotated[
         str,
         StringProperty(
-            name="Cameras",
+            name="Known Cameras",
             description="Known cameras of COLMAP, nerfstudio, Metashape or RealityCapture; empty: estimate the cameras",
             subtype="FILE_PATH",
             options={"SKIP_SAVE"},
@@ -85,7 +88,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     masks: Annotated[
         str,
         StringProperty(
-            name="Masks",
+            name="Folder of Masks",
             description="Folder with a mask for each photo, named like it; what is black in them is left out",
             subtype="DIR_PATH",
             options={"SKIP_SAVE"},
@@ -94,20 +97,20 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     mask_background: Annotated[
         bool,
         BoolProperty(
-            name="Mask Background",
+            name="Leave Out Background",
             description="Leave the background out, for an object on a turntable before a background that stands still",
             default=False,
             options={"SKIP_SAVE"},
         ),
     ]
-    # A string, not an enum: scripts may name any preset of the engine, which rejects unknown names.
     preset: Annotated[
         str,
-        StringProperty(
+        EnumProperty(
             name="Preset",
-            description="How much work; the list says what each choice takes",
+            description="How much work is done, and how good the scene becomes",
+            # All that the engine has, for scripts. Only those that are offered are drawn.
+            items=[(one.name, one.name.capitalize(), one.description if one.offered else "") for one in PRESET_LIST],
             default="standard",
-            search=_search_presets,
         ),
     ]
     filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
@@ -126,6 +129,26 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             return answer
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the presets with the time that each takes for these photos, and the other options."""
+        layout, photos = self.layout, self._shown_photos(context)
+        line_length = None if photos is None or context.area.type == "FILE_BROWSER" else _DIALOG_LINE_LENGTH
+        draw_presets(layout, self, photos, line_length=line_length)
+        properties = bpy.ops.heritage.import_photo_folder.get_rna_type().properties
+        for name, placeholder in _LABELLED:
+            column = layout.column(align=True)
+            column.label(text=properties[name].name)
+            column.prop(self, name, text="", placeholder=placeholder)
+        layout.prop(self, "mask_background")
+
+    def _shown_photos(self, context: bpy.types.Context) -> Path | None:
+        """Return the folder that the file browser shows, or what was dropped."""
+        space = context.space_data
+        if space is not None and space.type == "FILE_BROWSER" and space.params is not None:
+            return Path(os.fsdecode(space.params.directory))
+        chosen = self.filepath or self.directory
+        return Path(bpy.path.abspath(chosen)) if chosen else None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine. The result is imported when it has finished."""
@@ -157,7 +180,7 @@ class HERITAGE_FH_photos(DroppedIntoView, bpy.types.FileHandler):
     bl_idname = "HERITAGE_FH_photos"
     bl_label = "Photos as Gaussian Scene"
     bl_import_operator = "heritage.import_photo_folder"
-    bl_file_extensions = ";".join(_PHOTO_SUFFIXES)
+    bl_file_extensions = ";".join(PHOTO_SUFFIXES)
 
 
 class HERITAGE_FH_video(DroppedIntoView, bpy.types.FileHandler):

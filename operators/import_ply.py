@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.formats import READ_SUFFIXES, Up
+from ..gaussian_heritage_addon.new_objects import show_imported
 from ..gaussian_heritage_addon.render_settings import is_untouched, set_up_render
 from ..gaussian_heritage_addon.scene_file import add_other_file
 from ..gaussian_heritage_addon.typed_properties import blender_properties
@@ -84,6 +85,7 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
         splats = add_other_file(context.scene, file, name, up=up, skip_broken=self.skip_broken, tell=notes.append)
         if untouched and self.use_cycles:
             set_up_render(context.scene)
+        show_imported(context.scene, splats.object)
         count = len(splats.object.data.vertices)
         self.report({"INFO"}, " ".join([f"Imported {count} Gaussians from {file.name}.", *notes]))
         return {"FINISHED"}

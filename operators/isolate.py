@@ -17,6 +17,8 @@ from .segmenting import SegmentOperator, clicks_of
 
 __all__ = ["CLASSES"]
 
+_DIALOG_WIDTH = 350
+
 
 @blender_properties
 class HERITAGE_OT_isolate(SegmentOperator):
@@ -58,6 +60,18 @@ class HERITAGE_OT_isolate(SegmentOperator):
     name: Annotated[
         str, StringProperty(name="Name", description="Name of the object; empty: the prompt", options={"SKIP_SAVE"})
     ]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the words where none are given, as when it is called from a menu."""
+        if self.prompt.strip() or self.photo or self.clicks:
+            return super().invoke(context, event)
+        self.prompt = context.scene.heritage.prompt
+        answer: set[str] = context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH, confirm_text="Isolate")
+        return answer
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the dialog."""
+        self.layout.prop(self, "prompt", text="", placeholder="vase, teapot")
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments for the prompt or the clicks."""

@@ -7,6 +7,7 @@ import sys
 import bpy
 
 from ..gaussian_heritage_addon import job_runner
+from ..gaussian_heritage_addon.folder_size import folder_bytes
 from ..gaussian_heritage_addon.installation import installed_engine, remove_command
 
 __all__ = ["CLASSES"]
@@ -20,7 +21,10 @@ class HERITAGE_OT_remove_engine(bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for confirmation."""
-        message = f"Delete {installed_engine().folder}? Projects and model files are kept."
+        folder = installed_engine().folder
+        size = folder_bytes(folder)
+        amount = "" if size is None else f" ({size / 1e9:.1f} GB)"
+        message = f"Delete {folder}{amount}? Projects and model files are kept; their folder is in the documentation."
         return context.window_manager.invoke_confirm(self, event, title="Remove Engine", message=message)
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -126,6 +126,10 @@ class ViewTool:
         if self._session is not None:
             self._session.end()
 
+    def is_active(self) -> bool:
+        """Return whether the tool waits for the mouse, in a view that is still there."""
+        return self._session is not None and not self._session.is_over and self._session.is_shown()
+
     @property
     def area(self) -> bpy.types.Area:
         """The 3D view."""

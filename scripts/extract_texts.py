@@ -37,6 +37,9 @@ def texts_of(source: str) -> Iterator[tuple[str, str]]:
             is_offered = all(keyword.arg != "offered" for keyword in node.keywords)
             if called in _TRANSLATING and len(node.args) > _TRANSLATING[called] and is_offered:
                 yield from _constant("label", node.args[_TRANSLATING[called]])
+                if called == "TrainingPreset":
+                    # Its name is the label of the choice.
+                    yield from ((kind, text.capitalize()) for kind, text in _constant("label", node.args[0]))
             is_property = called.endswith("Property")
             for keyword in node.keywords:
                 if is_property and keyword.arg in ("name", "description"):

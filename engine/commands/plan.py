@@ -13,10 +13,12 @@ from ..planning import (
     PlanSettings,
     forecast_as_dict,
     format_plan,
-    plan_photos,
+    format_presets,
+    plan_presets,
     require_enough_memory,
     work_plan_as_dict,
 )
+from ..training.settings import PRESET_LIST
 from .scene_options import (
     add_camera_options,
     add_device_option,
@@ -40,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_size_options(parser)
     add_no_objects_option(parser)
     add_camera_options(parser)
+    parser.add_argument(
+        "--every-preset", action="store_true", help="only how long each preset would take, with the time of each stage"
+    )
     parser.add_argument("--json", action="store_true", help="print the plan as JSON instead of text")
 
 
@@ -49,15 +54,18 @@ def project_folder(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Print the plan, and refuse work for which there is too little memory."""
-    work, forecast, calibration = plan_photos(
+    settings = PlanSettings(
+        preset=options.preset,
+        device=options.device,
+        max_gaussians=options.max_gaussians,
+        max_side=options.max_side,
+        wants_objects=not options.no_objects,
+    )
+    offered = [preset for preset in PRESET_LIST if preset.offered]
+    plans = plan_presets(
         options.photos,
-        PlanSettings(
-            preset=options.preset,
-            device=options.device,
-            max_gaussians=options.max_gaussians,
-            max_side=options.max_side,
-            wants_objects=not options.no_objects,
-        ),
+        settings,
+        [preset.name for preset in offered] if options.every_preset else [options.preset],
         photos=PhotoSettings(),
         cameras=CameraSettings(),
         model=options.cameras,
@@ -65,6 +73,12 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         emit=emit,
         should_stop=should_stop,
     )
+    if options.every_preset:
+        forecasts = [(preset, planned.forecast) for preset, planned in zip(offered, plans, strict=True)]
+        answer = {"presets": [{"name": one.name, "forecast": forecast_as_dict(known)} for one, known in forecasts]}
+        emit(Finished(json.dumps(answer, indent=1) if options.json else format_presets(forecasts), answer))
+        return 0
+    work, forecast, calibration = plans[0]
     require_enough_memory(forecast, work, calibration)
     outputs = {"plan": work_plan_as_dict(work), "forecast": forecast_as_dict(forecast)}
     emit(Finished(json.dumps(outputs, indent=1) if options.json else format_plan(work, forecast), outputs))

@@ -8,26 +8,32 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
+from typing import TypeVar
 
+from ..certificates import untrusted_certificate
 from ..errors import EnvironmentProblem
 from ..events import Emit, ErrorEvent, Event, Finished, Progress, StageStarted, StopCheck, Warned, from_json_line
 from ..files import delete_derived
-from ..system import library_folder, missing_runtime, run_text, takes_path, unsupported
+from ..system import library_folder, missing_runtime, python_advice, run_text, takes_path, unsupported
 from .bundle import Bundle
 from .contents import DISK_GB
 from .environment import FOLDER_VARIABLE, EngineEnvironment
 from .locked import locked_arguments, locked_file, pinned, pins_in
-from .pip_command import Pip, run_logged
+from .pip_command import NotTrusted, Pip, run_logged
 from .pip_wheel import fetch_pip
-from .pythons import Interpreter, find_pythons, usable, version_text
+from .pythons import VERSIONS, Interpreter, find_pythons, usable, version_text
 from .torch_builds import TorchSource, default_build, torch_source
 
 __all__ = ["LONGEST_PATH", "install"]
 
+Answer = TypeVar("Answer")
+
 STAGE = "set-up"
+_PIP_WITH_TRUSTSTORE = (24, 2)  # by definition
+"""From this version on, pip trusts what the operating system trusts."""
 _SHARES = {"environment": 0.04, "packages": 0.50, "torch": 0.30, "models": 0.16}  # by definition
 """Share of each step of the progress, by the time that it takes."""
 
@@ -151,6 +157,10 @@ def _without_repeats(emit: Emit) -> Emit:
     return emit_new
 
 
+class _Untrusted(EnvironmentProblem):
+    """The network shows a certificate that is not trusted, whichever Python asks."""
+
+
 class _Damaged(EnvironmentProblem):
     """The packages of the environment cannot be used or mended."""
 
@@ -190,6 +200,8 @@ def _create(run: _Run, pythons: Sequence[Path], build: str, packed: Bundle | Non
         _create_with(run, interpreter)
         try:
             source = _torch(run, build, packed)
+        except _Untrusted:
+            raise
         except EnvironmentProblem as error:
             why = f" ({error})"
             continue
@@ -198,8 +210,8 @@ def _create(run: _Run, pythons: Sequence[Path], build: str, packed: Bundle | Non
         other = other or (interpreter, source)
     if other is None:
         raise EnvironmentProblem(
-            f"No Python that the engine can be installed with was found{why}. Install Python 3.11 from python.org or "
-            "your system's packages (Debian: python3.11-venv), or name one in the preferences, and try again."
+            f"No Python that the engine can be installed with was found{why}. {python_advice(VERSIONS)} "
+            "Then try again; or name a Python in the preferences."
         )
     interpreter, source = other
     _create_with(run, interpreter)
@@ -208,7 +220,7 @@ def _create(run: _Run, pythons: Sequence[Path], build: str, packed: Bundle | Non
 
 def _torch(run: _Run, build: str, packed: Bundle | None) -> TorchSource:
     if packed is None:
-        return torch_source(run.pip, build)
+        return _trusting(run, lambda: torch_source(run.pip, build))
     # Its hash need not be in the locked file; that of the bundle was verified.
     alone = ("--no-deps", "--only-binary", ":all:", pinned(locked_file("torch")))
     return TorchSource(packed.torch, alone, False, f"torch ({packed.torch})")
@@ -244,6 +256,29 @@ def _add_pip(run: _Run) -> None:
         delete_derived(run.environment.folder, folder.name)
 
 
+def _trusting(run: _Run, ask: Callable[[], Answer]) -> Answer:
+    """Return what `ask` returns, which uses pip; a pip that is too old for the system's certificates is renewed.
+
+    Raises
+    ------
+    EnvironmentProblem
+        When the certificate of a server is trusted neither by pip nor by the system.
+    """
+    try:
+        return ask()
+    except NotTrusted as error:
+        refused = error
+        if run.pip.version() < _PIP_WITH_TRUSTSTORE:
+            _add_pip(run)
+            try:
+                return ask()
+            except NotTrusted as again:
+                refused = again
+    if not refused.host:
+        raise EnvironmentProblem(str(refused)) from refused
+    raise _Untrusted(untrusted_certificate(refused.host, refused.port)) from refused
+
+
 def _pip_install(run: _Run, step: str, arguments: Sequence[object], *, one_index: bool = False) -> None:
     """Install packages and report each that is downloaded, and how many are installed."""
     files = [Path(str(one)) for one in arguments if isinstance(one, Path)]
@@ -264,7 +299,12 @@ def _pip_install(run: _Run, step: str, arguments: Sequence[object], *, one_index
         run.report(step, 0.5 * (collected + installed) / wanted, message)
 
     try:
-        run.pip.install(arguments, one_index=one_index, on_line=read, on_wait=wait, should_stop=run.should_stop)
+        _trusting(
+            run,
+            lambda: run.pip.install(
+                arguments, one_index=one_index, on_line=read, on_wait=wait, should_stop=run.should_stop
+            ),
+        )
     except EnvironmentProblem as error:
         # pip cannot replace a package of which an earlier, killed pip has not written the list of files.
         raise _Damaged(str(error)) if "RECORD" in str(error) else error from error

@@ -3,25 +3,46 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..certificates import CERTIFICATE_VARIABLE
 from ..errors import Cancelled, DiskError, EnvironmentProblem
 from ..files import parse_json
 from ..system import no_window, run_text, with_utf8
 
-__all__ = ["ONE_INDEX", "Pip", "run_logged"]
+__all__ = ["ONE_INDEX", "NotTrusted", "Pip", "run_logged"]
 
 ONE_INDEX = {"PIP_EXTRA_INDEX_URL": " ", "PIP_FIND_LINKS": " "}  # by definition
 """Environment variables with which pip asks only the index on its command line: they replace the user's other ones. An
 empty value would not."""
 
 _REPORT = {"install": [{"metadata": dict, "download_info": dict}]}
+_UNTRUSTED = "CERTIFICATE_VERIFY_FAILED"
+_VERSION = re.compile(r"pip (\d+(?:\.\d+)*)")
+_SERVER = re.compile(r"host='([\w.-]+)', port=(\d+)")
 _POLL_SECONDS = 0.2  # by definition
 _STOPPED = "Stopped. What is installed is kept; set up again to continue."
+
+
+class NotTrusted(EnvironmentProblem):
+    """pip met a server whose certificate it does not trust.
+
+    Attributes
+    ----------
+    host : str
+        Empty when pip does not name it.
+    port : int
+    """
+
+    def __init__(self, message: str, output: str) -> None:
+        super().__init__(message)
+        found = _SERVER.search(output)
+        self.host, self.port = (found[1], int(found[2])) if found else ("", 443)
 
 
 def run_logged(
@@ -56,13 +77,13 @@ def run_logged(
     Raises
     ------
     EnvironmentProblem
-        When the program cannot be started or fails.
+        When the program cannot be started or fails; `NotTrusted` when it refused a certificate.
     DiskError
         When the log cannot be written.
     Cancelled
         When `should_stop` returned true.
     """
-    last = ""
+    last = refused = ""
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
         begin = log.stat().st_size if log.exists() else 0
@@ -97,6 +118,8 @@ def run_logged(
                     on_line(line)
                     if "ERROR" in line or "Error" in line or not last:
                         last = line.strip()
+                    if _UNTRUSTED in line and not _SERVER.search(refused):
+                        refused = line
                 on_wait()
                 if should_stop():
                     raise Cancelled(_STOPPED)
@@ -105,7 +128,17 @@ def run_logged(
                 process.terminate()
                 process.wait()
     if process.returncode:
-        raise EnvironmentProblem(f"{problem}: {last.rstrip('.')} (details: {log}).")
+        message = f"{problem}: {last.rstrip('.')} (details: {log})."
+        raise NotTrusted(message, refused) if refused else EnvironmentProblem(message)
+
+
+def _variables(*, one_index: bool) -> dict[str, str]:
+    """Return the environment variables with which pip reaches an index."""
+    variables = dict(ONE_INDEX) if one_index else {}
+    if (file := os.environ.get(CERTIFICATE_VARIABLE)) and "PIP_CERT" not in os.environ:
+        # One variable for all that the engine fetches; pip has another name for it.
+        variables["PIP_CERT"] = file
+    return variables
 
 
 class Pip:
@@ -144,7 +177,7 @@ class Pip:
         command = [self.python, "-m", "pip", "install", "--no-input", "--progress-bar", "off", *self._sources]
         run_logged(
             [*command, *arguments], self._log, "pip could not install the packages; check the network and the disk",
-            on_line=on_line, on_wait=on_wait, should_stop=should_stop, variables=ONE_INDEX if one_index else {},
+            on_line=on_line, on_wait=on_wait, should_stop=should_stop, variables=_variables(one_index=one_index),
         )  # fmt: skip
 
     def download(self, arguments: Sequence[object], folder: Path, *, one_index: bool = False) -> None:
@@ -158,8 +191,14 @@ class Pip:
         command = [self.python, "-m", "pip", "download", "--no-input", "--progress-bar", "off", "--dest", folder]
         run_logged(
             [*command, *arguments], self._log, "pip could not download the packages; check the network and the disk",
-            variables=ONE_INDEX if one_index else {},
+            variables=_variables(one_index=one_index),
         )  # fmt: skip
+
+    def version(self) -> tuple[int, ...]:
+        """Return pip's version; empty when it cannot be started."""
+        answer = run_text([self.python, "-m", "pip", "--version"])
+        found = _VERSION.match(answer.stdout)
+        return () if answer.returncode or not found else tuple(int(part) for part in found[1].split("."))
 
     def uninstall(self, package: str) -> None:
         """Remove `package`.
@@ -178,12 +217,19 @@ class Pip:
         """Return pip's report of the one package that it would install, None when it finds none within 20 s.
 
         With `elsewhere`, `arguments` name another kind of computer, for which pip only installs into a folder.
+
+        Raises
+        ------
+        EnvironmentProblem
+            `NotTrusted`, when pip refused the certificate of an index.
         """
         command: list[object] = [self.python, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
         command += ["--report", "-", "--retries", "1", "--timeout", "20", *self._sources, *arguments]
         if elsewhere:
             command += ["--target", self._log.parent / "nowhere"]
-        answer = run_text(command, environment={**os.environ, **(ONE_INDEX if one_index else {})})
+        answer = run_text(command, environment={**os.environ, **_variables(one_index=one_index)})
+        if _UNTRUSTED in answer.stderr:
+            raise NotTrusted("pip refused the certificate of a server.", answer.stderr)
         if answer.returncode:
             return None
         report = parse_json(answer.stdout, _REPORT, source="pip's report", advice="Update pip.")

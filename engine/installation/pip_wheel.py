@@ -33,6 +33,8 @@ def fetch_pip(folder: Path) -> Path:
     try:
         with open_https(_URL, {}) as response:
             content = response.read(_MAX_BYTES)
+    except EnvironmentProblem:
+        raise
     except (HeritageError, OSError, http.client.HTTPException, ValueError) as error:
         raise EnvironmentProblem(
             f"This Python brings no pip, and pip could not be downloaded ({error}). Check the network, or install "

@@ -1,17 +1,23 @@
 """Engine processes as seen from outside: started, polled, stopped and found again. Blender and the server use them."""
 
+from .click_preview import ClickAnswer, ClickPreview, click_question, pack_mask, read_question
 from .job import Job, JobState, format_seconds
 from .prompt_arguments import Click, click_arguments, name_arguments, refine_arguments, text_arguments
 from .waiting import WaitingJob
 
 __all__ = [
     "Click",
+    "ClickAnswer",
+    "ClickPreview",
     "Job",
     "JobState",
     "WaitingJob",
     "click_arguments",
+    "click_question",
     "format_seconds",
     "name_arguments",
+    "pack_mask",
+    "read_question",
     "refine_arguments",
     "text_arguments",
 ]

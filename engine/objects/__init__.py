@@ -8,6 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .candidate_file import CANDIDATES, forget_candidates
+    from .clicked import ClickMasks, click_masks
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .graph import SceneGraph
     from .photos import Photos, SamFactory
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CANDIDATES",
     "THRESHOLD",
+    "ClickMasks",
     "ClickPrompt",
     "DetectorFactory",
     "MaskPrompt",
@@ -47,6 +49,7 @@ __all__ = [
     "TextPrompt",
     "View",
     "Views",
+    "click_masks",
     "erode_mask",
     "find_everything",
     "find_objects",

@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 
 from ..errors import FormatError, PromptError
-from ..files import delete_derived, read_json, write_json
+from ..files import delete_derived, optional, read_json, write_json
 from ..pictures import write_png
 from .arrays import Mask, Pixels
 from .lifting import FoundObject
 from .photos import Photos
 
-__all__ = ["CANDIDATES", "StoredCandidate", "forget_candidates", "load_candidate", "remember_candidates"]
+__all__ = ["CANDIDATES", "StoredCandidate", "cut_out", "forget_candidates", "load_candidate", "remember_candidates"]
 
 CANDIDATES = "objects/candidates.json"
 _PICTURES, _MASK = "objects/_candidates", "objects/_candidates/{}-mask.png"
@@ -26,8 +26,8 @@ _VERSION = 1  # by definition
 _ADVICE = "Ask for the text again."
 _SCHEMA = {
     "version": int,
-    "refused": [{"text": str, "message": str}],
-    "candidates": [{"number": int, "text": str, "score": float, "photo": str}],
+    "refused": [{"text": str, "message": str, "suggestions": optional([str]), "objects": optional([str])}],
+    "candidates": [{"number": int, "text": str, "score": float, "photo": str, "object": optional((str, None))}],
 }
 
 
@@ -48,37 +48,56 @@ def forget_candidates(project: Path) -> None:
 
 
 def remember_candidates(
-    project: Path, text: str, message: str, candidates: Sequence[FoundObject], photos: Photos | None
+    project: Path,
+    text: str,
+    message: str,
+    candidates: Sequence[FoundObject],
+    photos: Photos | None,
+    *,
+    suggestions: Sequence[str] = (),
+    alike: Sequence[str] = (),
+    same: Sequence[str | None] = (),
 ) -> None:
     """Store a refused text, why it was refused, and its nearest candidates, the best first, which need `photos`.
 
-    Those of other texts stay. Raises `DiskError` when a file cannot be written.
+    Those of other texts stay. `suggestions` are texts that may have been meant, `alike` the ids of stored objects whose
+    names are spelt nearly like the text, and `same`, for each candidate, the id of the object that it is. Raises
+    `DiskError` when a file cannot be written.
     """
     stored = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
-    refused = [entry for entry in stored["refused"] if entry["text"] != text] + [{"text": text, "message": message}]
+    refused = [entry for entry in stored["refused"] if entry["text"] != text] + [
+        {"text": text, "message": message, "suggestions": list(suggestions), "objects": list(alike)}
+    ]
     entries = [entry for entry in stored["candidates"] if entry["text"] != text]
     last = max((entry["number"] for entry in stored["candidates"]), default=0)
-    for number, candidate in enumerate(candidates, last + 1):
+    known_as = [*same, *[None] * (len(candidates) - len(same))]
+    for number, (candidate, object_id) in enumerate(zip(candidates, known_as, strict=True), last + 1):
         assert photos is not None
         view, picture = candidate.evidence[0].view, f"{_PICTURES}/{number}.png"
         mask = view.to_photo(candidate.evidence[0].mask)
         if not mask.any():
             # A mask of a few pixels in the view's frame may vanish at the size of the photo.
             mask[len(mask) // 2, mask.shape[1] // 2] = True
-        write_png(project / picture, _picture(photos.pixels(view.camera), mask))
+        write_png(project / picture, cut_out(photos.pixels(view.camera), mask))
         write_png(project / _MASK.format(number), mask)
         framed = np.pad(mask, 1).astype(np.uint8)
         x, y = cv2.minMaxLoc(cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_3)[1:-1, 1:-1])[3]
         left, top, width, height = cv2.boundingRect(framed[1:-1, 1:-1])
         place = {"photo": view.camera.photo, "x": x, "y": y, "box": [left, top, left + width, top + height]}
-        known = {"number": number, "text": text, "score": float(candidate.score), "picture": picture}
+        known = {
+            "number": number,
+            "text": text,
+            "score": float(candidate.score),
+            "picture": picture,
+            "object": object_id,
+        }
         entries.append({**known, **place, "n_gaussians": int(candidate.members.sum())})
     content = {"created": datetime.now(UTC).isoformat(), "refused": refused, "candidates": entries}
     write_json(project / CANDIDATES, {"version": _VERSION, **content})
 
 
-def _picture(pixels: Pixels, mask: Mask) -> Pixels:
-    """Return a crop of the photo around the candidate, whose `mask` has the full size, with darkened surroundings."""
+def cut_out(pixels: Pixels, mask: Mask) -> Pixels:
+    """Return a crop of the photo around what is shown, whose `mask` has the full size, with darkened surroundings."""
     # No mean over an area is 0 that a pixel of the mask lies in.
     inside = cv2.resize(mask.astype(np.float32), pixels.shape[1::-1], interpolation=cv2.INTER_AREA) > 0
     x, y, width, height = cv2.boundingRect(inside.astype(np.uint8))

@@ -15,19 +15,23 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import PromptError
+from ..grounding import Detector
 from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
 from .graph import N_NEIGHBOURS
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import PAPER
+from .spatial import parse_spatial
 from .views import View, Views
 from .votes import THRESHOLD, MaskEvidence
 
 __all__ = [
     "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
-    "evidence_of_exclusions", "evidence_of_places", "find_evidence", "pixel_of", "places_in",
+    "evidence_of_exclusions", "evidence_of_places", "find_evidence", "meant_by", "pixel_of", "places_in",
     "require_known", "require_mask",
 ]  # fmt: skip
+
+_MAX_MEANT = 3  # by definition
 
 _PART = 0.1  # chosen on museum_room
 """Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""
@@ -162,6 +166,16 @@ def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     if len(rows) == 0:
         raise PromptError(f"The click {x:g},{y:g} lies on the very rim of {view.camera.photo}. Click farther inside.")
     return int(round(float(columns.mean()))), int(round(float(rows.mean())))
+
+
+def meant_by(text: str, detector: Detector) -> list[str]:
+    """Return texts that an unknown text may have been meant for, at most three; none for a known one."""
+    noun = parse_spatial(text).noun
+    check = detector.check_prompt(noun)
+    if check.known:
+        return []
+    # Only the noun changes in "the left tepot".
+    return [text.replace(noun, word) if noun in text else word for word, _ in check.matches][:_MAX_MEANT]
 
 
 def require_known(text: str, context: SegmentationContext) -> None:

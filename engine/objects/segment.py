@@ -10,6 +10,7 @@ from scipy.special import expit
 
 from ..errors import PromptError
 from ..scene import Camera, PinholeCamera
+from ..words import likeness
 from .arrays import Mask, Place
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, require_known
@@ -19,7 +20,7 @@ from .looks import load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, apart
-from .settings import PaperSettings
+from .settings import SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
 from .votes import THRESHOLD, votes_of_known
@@ -28,6 +29,14 @@ __all__ = ["NoMatchError", "find_everything", "find_objects", "mask_at"]
 
 _MIN_NAME_SCORE = 0.17  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""
+
+
+_LOOKS = {
+    "hardly": "hardly looks like it",
+    "a little": "looks a little like it",
+    "probably": "looks much like it",
+    "clearly": "looks much like it",
+}
 
 
 class NoMatchError(PromptError):
@@ -112,9 +121,10 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
         found.append(isolate_object(context, [looks.evidence(likeliest, float(scores[number]), context)]))
         context.tell(done / len(answers), "Isolating")
     if not wanted:
+        best = found[0].score
         raise NoMatchError(
-            f"Nothing in the photos looks enough like {text!r} (best match {found[0].score:.2f}, needed "
-            f"{settings.least_score:.2f}). Use another word, or click on the object instead.",
+            f"Nothing in the photos looks enough like {text!r}: the nearest {_LOOKS[likeness(best, SURE_SCORE)]}. Use "
+            "another word, or click on the object instead.",
             found,
         )
     return found

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -17,20 +18,20 @@ from ..events import Emit, StopCheck, Warned
 from ..project_folder import ProjectFolder
 from ..provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
-from ..records import ObjectRecord, delete_object, found_again, keep_version, new_id, new_name
+from ..records import PICTURE_FILE, ObjectRecord, delete_object, found_again, keep_version, new_id, new_name
 from ..scene import Camera, PinholeCamera, Polished
 from ..settings import to_dict
-from ..words import called_nearly
-from .arrays import Float32, Mask
-from .candidate_file import forget_candidates, load_candidate, remember_candidates
+from ..words import called_nearly, normalised, similarly_spelt
+from .arrays import Float32, Mask, Pixels
+from .candidate_file import cut_out, forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
-from .evidence import evidence_of_clicks, find_evidence
+from .evidence import evidence_of_clicks, find_evidence, meant_by
 from .lifting import FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
 from .polishing import polish
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
-from .settings import SegmentSettings
+from .settings import SURE_SCORE, SegmentSettings
 from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
 from .views import OUTER
 from .votes import BELOW_HALF, THRESHOLD
@@ -92,9 +93,14 @@ class Segmenter:
             message = str(error)
             if isinstance(prompt, TextPrompt):
                 nearest = error.candidates if isinstance(error, NoMatchError) else ()
-                names = [record.name for record in list_objects(self.project.path) if record.id != BACKGROUND]
-                message += called_nearly(prompt.text, names)
-                remember_candidates(self.project.path, prompt.text, message, nearest, context.photos)
+                ids = {one.name: one.id for one in list_objects(self.project.path) if one.id != BACKGROUND}
+                message += called_nearly(prompt.text, ids)
+                remember_candidates(
+                    self.project.path, prompt.text, message, nearest, context.photos,
+                    suggestions=meant_by(prompt.text, context.detector),
+                    alike=[ids[name] for name in similarly_spelt([normalised(prompt.text)], ids)],
+                    same=[self._nearly(one.members) for one in nearest],
+                )  # fmt: skip
             raise PromptError(message) from error
         if isinstance(prompt, TextPrompt):
             asked["detector"] = context.detector.name
@@ -274,7 +280,14 @@ class Segmenter:
             record = self._record(item, asked, item.name or name, started)
             if item.id:
                 record = replace(record, id=item.id, name=names.get(item.id, record.name))
-            previews = [("seed", best.view.to_photo(best.mask)) for best in item.evidence[:1]]
+            previews: list[tuple[str, Pixels | Mask]] = []
+            for best in item.evidence[:1]:
+                mask = best.view.to_photo(best.mask)
+                previews.append(("seed", mask))
+                if "text" in asked and item.score < SURE_SCORE:
+                    # A name that may be wrong is shown beside what it names.
+                    picture = cut_out(context.photos.pixels(best.view.camera), mask)
+                    previews.append((PurePath(PICTURE_FILE).stem, picture))
             levels = item.levels.memberships
             save_object(self.project.path, record, item.membership, previews, levels=levels, polished=polished)
             records.append(record)
@@ -290,6 +303,13 @@ class Segmenter:
             with contextlib.suppress(FormatError):
                 if np.array_equal(load_membership(self.project.path, record.id) >= record.threshold, members):
                     return record
+        return None
+
+    def _nearly(self, members: Mask) -> str | None:
+        """Return the id of the stored object that `members`, bool [N], are a version of; None for no object."""
+        for object_id, membership in self._memberships(len(members)).items():
+            if is_same(membership >= THRESHOLD, members):
+                return object_id
         return None
 
     def _polished(self, context: SegmentationContext, members: Sequence[Mask]) -> list[Polished | None]:

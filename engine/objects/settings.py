@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from ..settings import require
 
-__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "PaperSettings", "SegmentSettings"]
+__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "SURE_SCORE", "PaperSettings", "SegmentSettings"]
 
 
 @dataclass(frozen=True)
@@ -91,3 +91,6 @@ RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)  # p
 
 PRESETS: dict[str, SegmentSettings] = {"paper": PAPER, "released": RELEASED, "better": BETTER}
 DEFAULT_PRESET = "better"
+
+SURE_SCORE = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Confidence of a word's answer from which on things that are absent are refused too; below it, a name is a guess."""

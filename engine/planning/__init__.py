@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from .forecast import forecast_as_dict, forecast_work
     from .memory_check import require_enough_memory
     from .outcome import update_calibration
-    from .plan_text import format_plan
-    from .planned_work import plan_and_forecast, plan_photos, store_forecast
+    from .plan_text import format_plan, format_presets
+    from .planned_work import plan_and_forecast, plan_presets, store_forecast
     from .training_device import TrainingDevice
 
 __all__ = [
@@ -38,9 +38,10 @@ __all__ = [
     "forecast_as_dict",
     "forecast_work",
     "format_plan",
+    "format_presets",
     "kept_sizes",
     "plan_and_forecast",
-    "plan_photos",
+    "plan_presets",
     "choose_photos",
     "plan_scene",
     "plan_work",

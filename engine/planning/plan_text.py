@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..masks.settings import EMBEDDING_BYTES, MAX_EMBEDDINGS
 from ..rasterizer import device_words
-from ..training.settings import validation_photos
+from ..training.settings import TrainingPreset, validation_photos
 from .decisions import WorkPlan
 from .forecast import Forecast
 
-__all__ = ["format_plan"]
+__all__ = ["format_plan", "format_presets"]
 
 
 def format_plan(work: WorkPlan, forecast: Forecast) -> str:
@@ -22,6 +24,15 @@ def format_plan(work: WorkPlan, forecast: Forecast) -> str:
     ]
     lines += ["", "Left out:"] + [f"  {item.what}: {item.why}" for item in work.left_out]
     lines += ["", *work.notes] if work.notes else []
+    return "\n".join(lines)
+
+
+def format_presets(plans: Sequence[tuple[TrainingPreset, Forecast]]) -> str:
+    """Return how long a run with each preset takes, and what it is for, as text of several lines."""
+    lines = [f"  {'preset':<12}{'minutes (8 of 10 runs)':<28}what it is for"]
+    for preset, forecast in plans:
+        low, middle, high = (seconds / 60 for seconds in forecast.seconds)
+        lines.append(f"  {preset.name:<12}{f'{middle:.1f} ({low:.1f} to {high:.1f})':<28}{preset.description}")
     return "\n".join(lines)
 
 

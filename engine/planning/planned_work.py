@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from .device_choice import choose_sizes
 from .forecast import Forecast, forecast_as_dict, forecast_work
 from .training_device import TrainingDevice
 
-__all__ = ["PlannedWork", "plan_and_forecast", "plan_photos", "store_forecast"]
+__all__ = ["PlannedWork", "plan_and_forecast", "plan_presets", "store_forecast"]
 
 _STORED_FORECAST = {"stages": [{"stage": str}]}
 
@@ -36,9 +37,10 @@ class PlannedWork(NamedTuple):
     calibration: Calibration
 
 
-def plan_photos(
+def plan_presets(
     folder: Path,
     settings: PlanSettings,
+    presets: Sequence[str],
     *,
     photos: PhotoSettings,
     cameras: CameraSettings,
@@ -46,8 +48,10 @@ def plan_photos(
     photo_masks: Path | None,
     emit: Emit,
     should_stop: StopCheck,
-) -> PlannedWork:
-    """Read the photos in `folder` and plan the run, without a project. See `plan_and_forecast` for the parameters.
+) -> list[PlannedWork]:
+    """Read the photos in `folder`, and plan a run with each of `presets`, without a project.
+
+    The preset of `settings` does not count. See `plan_and_forecast` for the other parameters.
 
     Raises
     ------
@@ -62,9 +66,13 @@ def plan_photos(
     photo_set = read_photos(folder, criteria, masks=photo_masks, emit=emit, should_stop=should_stop)
     statistics = inspect_photos(photo_set, should_stop=should_stop)
     device = choose_training_device(settings.device)
-    return plan_and_forecast(
-        photo_set, statistics, settings, cameras=cameras, model=model, n_prompts=0, device=device, kept=None, emit=emit
-    )
+    return [
+        plan_and_forecast(
+            photo_set, statistics, replace(settings, preset=preset), cameras=cameras, model=model, n_prompts=0,
+            device=device, kept=None, emit=emit,
+        )
+        for preset in presets
+    ]  # fmt: skip
 
 
 def plan_and_forecast(

@@ -19,6 +19,7 @@ __all__ = [
     "LEVELS_FILE",
     "MEMBERSHIP_FILE",
     "POLISHED_FILE",
+    "PICTURE_FILE",
     "RECORD_FILE",
     "ObjectRecord",
     "new_id",
@@ -34,6 +35,8 @@ RECORD_FILE = "object.json"
 MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE = "membership.npy", "levels.npy", "polished.npz"
 COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE)
 """Files of an object whose size and hash are in its record."""
+PICTURE_FILE = "picture.png"
+"""What an object with an unsure name shows on a photo; only such objects have it."""
 _ADVICE = "Delete its folder and isolate the object again."
 
 _POINTS: Schema = [{"photo": str, "x": float, "y": float}]

@@ -40,7 +40,7 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
         "scene": _scene(project),
         "objects": [describe_object(project, one) for one in _objects(project)],
         "not_found": None if not_found is None else {
-            "messages": list(not_found.messages),
+            "messages": [refusal.message for refusal in not_found.refusals],
             "candidates": [
                 {
                     "number": one.number, "text": one.text, "score": one.score, "photo": one.photo,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from .distributions import python_advice
     from .kinds import SYSTEMS, System, describe_system, missing_runtime, package_system, this_system, unsupported
     from .limits import (
         cpu_seconds_limited,
@@ -102,6 +103,7 @@ __all__ = [
     "printable",
     "process_runs",
     "program_in",
+    "python_advice",
     "python_in",
     "replace_file",
     "request_stop",

@@ -16,8 +16,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "engine" / "objects"
 
-MAX_LINES = 3420
-"""Lines of the package; it had 5,945 when each object was found by a chain of rules."""
+MAX_LINES = 3550
+"""Lines of the package, with what it shows of clicks and of refused texts; it had 5,945 with a chain of rules."""
 
 MAX_NUMBERS = 45
 """Numbers of the package, counted as above; the chain of rules had 205."""

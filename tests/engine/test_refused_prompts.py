@@ -34,9 +34,18 @@ def write(project: Path, content: Any) -> Path:
 def test_candidates_have_the_message_and_their_pictures(tmp_path: Path) -> None:
     write(tmp_path, STORED)
     not_found = candidates.read_not_found(tmp_path)
-    assert not_found.messages == ("Nothing looks enough like 'banana'.",)
+    assert not_found.refusals == (candidates.Refusal("Nothing looks enough like 'banana'.", "banana"),)
     picture = tmp_path / "objects" / "_candidates" / "2.png"
     assert not_found.candidates == (candidates.Candidate(2, "banana", 0.21, "view_05.jpg", picture),)
+
+
+def test_suggestions_and_objects_that_were_meant_are_read_with_the_prompt(tmp_path: Path) -> None:
+    refused = {"text": "tepot", "message": "No.", "suggestions": ["teapot"], "objects": ["teapot-2"]}
+    (entry,) = STORED["candidates"]
+    write(tmp_path, {**STORED, "refused": [refused], "candidates": [{**entry, "object": "vase"}]})
+    found = candidates.read_not_found(tmp_path)
+    assert found.refusals == (candidates.Refusal("No.", "tepot", ("teapot",), ("teapot-2",)),)
+    assert found.candidates[0].object_id == "vase"
 
 
 @pytest.mark.parametrize("picture", ["/etc/passwd", "../../secret.png", ""])
@@ -57,7 +66,7 @@ def test_a_later_search_replaces_the_list_and_dismissing_removes_it(tmp_path: Pa
     write(tmp_path, STORED)
     assert len(candidates.read_not_found(tmp_path).candidates) == 1
     write(tmp_path, {"version": 1, "refused": [{"text": "x", "message": "No x."}], "candidates": []})
-    assert candidates.read_not_found(tmp_path).messages == ("No x.",)
+    assert candidates.read_not_found(tmp_path).refusals == (candidates.Refusal("No x.", "x"),)
     (tmp_path / "project.json").touch()
     candidates.dismiss(tmp_path)
     candidates.dismiss(tmp_path)

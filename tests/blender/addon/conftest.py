@@ -144,11 +144,14 @@ class FakeLayout:
         Names of the properties drawn.
     buttons : list of (str, dict)
         Operators, and the options their buttons set.
+    calls : list of str
+        Names of what was drawn, in order; of labels with their text.
     """
 
     def __init__(self) -> None:
         self.texts: list[str] = []
         self.props: list[str] = []
+        self.calls: list[str] = []
         self._buttons: list[tuple[str, SimpleNamespace]] = []
 
     @property
@@ -167,6 +170,7 @@ class FakeLayout:
             assert set(options) <= set(known.keys()), (method, options)
             icon = options.get("icon", "NONE")
             assert "icon" not in known or icon in known["icon"].enum_items, icon
+            self.calls.append(f"label {options['text']}" if method == "label" else method)
             if "text" in options:
                 self.texts.append(options["text"])
             if method == "prop":

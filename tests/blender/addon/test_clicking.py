@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
@@ -312,3 +313,83 @@ def test_escape_starts_nothing_and_an_error_is_reported(clicking: Any, fake_engi
 def test_without_a_window_the_error_is_clear(opened: Any) -> None:
     with pytest.raises(RuntimeError, match="Objects are clicked in a window"):
         bpy.ops.heritage.click_object()
+
+
+ANSWERS = """
+for line in sys.stdin:
+    asked = json.loads(line)
+    width = 128
+    bits = np.zeros((96, width), bool)
+    bits[:, :64] = True
+    import base64
+    mask = {"width": width, "height": 96, "bits": base64.b64encode(np.packbits(bits).tobytes()).decode()}
+    name = "present" if asked["object"] else "wanted"
+    say("finished", message="", outputs={"photo": asked["photo"], "masks": {name: mask}})
+"""
+
+
+@pytest.fixture
+def windowed(part: Part, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Let the masks of clicks be shown as in a window, with an engine that answers."""
+    module = part("gaussian_heritage_addon.click_masks")
+    monkeypatch.setattr(module, "bpy", SimpleNamespace(app=SimpleNamespace(background=False), types=bpy.types))
+    # Timers do not run in bpy as a module, and one that is left hangs at its exit.
+    monkeypatch.setattr(module, "_timer", SimpleNamespace(start=lambda seconds: None, stop=lambda: None))
+    return module
+
+
+def wait_for_masks(module: ModuleType) -> Any:
+    masks = module._active
+    while masks._process.is_working:
+        masks.poll()
+        time.sleep(0.02)
+    return masks
+
+
+def test_click_shows_its_mask_before_enter(
+    clicking: Any, windowed: ModuleType, fake_engine: Callable[[str], Path], camera: Any
+) -> None:
+    arguments = fake_engine(ANSWERS)
+    clicking.invoke()
+    clicking.event("LEFTMOUSE")
+    assert "are being prepared" in clicking.window.header
+    masks = wait_for_masks(windowed)
+    assert json.loads(arguments.read_text())[2:4] == ["show-clicks", bpy.context.scene.heritage.project]
+    assert "are being prepared" not in clicking.window.header
+    # The left half of the photo, but for its lens distortion, in the colour of what is wanted.
+    assert masks._photo == camera.photo
+    green = masks._picture[..., 1] > masks._picture[..., 0]
+    assert green[48, 10:40].all() and not green[48, 90:].any()
+    left, bottom, right, top = clicking.window_frame()
+    assert 0 < right - left <= clicking.window.width and 0 < top - bottom <= clicking.window.height
+    # Without a click there is nothing to show.
+    clicking.event("BACK_SPACE")
+    assert not masks._picture.any()
+    clicking.event("ESC")
+    assert windowed._active is None and masks._process is None
+
+
+def test_correction_begins_with_what_the_object_has(
+    clicking: Any, windowed: ModuleType, fake_engine: Callable[[str], Path]
+) -> None:
+    fake_engine(ANSWERS)
+    bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
+    clicking.invoke(refine=True)
+    masks = wait_for_masks(windowed)
+    blue = masks._picture[..., 2] > masks._picture[..., 0]
+    assert blue[48, 10:40].all() and not blue[48, 90:].any()
+    clicking.event("ESC")
+
+
+def test_engine_that_cannot_show_masks_says_why_and_clicking_goes_on(
+    clicking: Any, windowed: ModuleType, fake_engine: Callable[[str], Path]
+) -> None:
+    fake_engine("say('error', message='The scene is damaged.', error='FormatError'); sys.exit(1)")
+    clicking.invoke()
+    clicking.event("LEFTMOUSE")
+    masks = windowed._active
+    while not masks.problem:
+        masks.poll()
+        time.sleep(0.02)
+    assert "The scene is damaged." in clicking.window.header
+    assert clicking.event("ESC") == {"CANCELLED"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import bpy
@@ -248,3 +248,55 @@ def test_undo_after_a_file_was_loaded_leaves_the_project_alone(
     bpy.ops.wm.open_mainfile(filepath=file)
     undo_to(part, None)
     assert len(load(part, floor).distances) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "metres"),
+    [("30 cm", 0.3), ("30cm", 0.3), ("1.2", 1.2), ("1,2 m", 1.2), ("1m 5cm", 1.05), ("4 ft", 1.2192), ("12mm", 0.012)],
+)
+@pytest.mark.parametrize("unit_scale", [1.0, 0.01])
+def test_known_distance_takes_units_also_before_the_scene_has_one(
+    opened: Any, text: str, metres: float, unit_scale: float
+) -> None:
+    scene = bpy.context.scene
+    scene.unit_settings.system, scene.unit_settings.scale_length = "NONE", unit_scale
+    scene.heritage.known_distance_text = text
+    assert scene.heritage.known_distance == pytest.approx(metres, rel=1e-6)
+    shown = scene.heritage.known_distance_text
+    scene.heritage.known_distance_text = shown
+    assert scene.heritage.known_distance == pytest.approx(metres, rel=1e-4)
+
+
+@pytest.mark.parametrize("text", ["", "vase", "0", "-3 cm", "30 kg", "nan"])
+def test_what_is_no_length_is_told_with_examples(opened: Any, part: Part, text: str) -> None:
+    errors, before = part("engine.errors"), bpy.context.scene.heritage.known_distance
+    with pytest.raises(errors.SettingsError, match="Enter for example 30 cm"):
+        part("gaussian_heritage_addon.lengths").read_length(text)
+    assert bpy.context.scene.heritage.known_distance == before
+
+
+def test_view_follows_a_scene_that_is_measured(opened: Any, part: Part) -> None:
+    """What was in the middle of the view stays there, as large as before, and upright."""
+    from mathutils import Matrix, Quaternion, Vector
+
+    move = Matrix.Translation((1, 2, 3)) @ Matrix.Rotation(0.7, 4, (1, 1, 0)) @ Matrix.Scale(2.5, 4)
+    turn = Quaternion((0.2, 0.5, 0.1), 1.1)
+    view = SimpleNamespace(view_location=Vector((0.5, 0.1, 0.2)), view_distance=4.0, view_rotation=turn)
+    eye = view.view_location + view.view_rotation @ Vector((0, 0, 4.0))
+    part("gaussian_heritage_addon.moved_views").move_view(view, np.array(move))
+    new_eye = view.view_location + view.view_rotation @ Vector((0, 0, view.view_distance))
+    assert view.view_distance == pytest.approx(10.0)
+    np.testing.assert_allclose(new_eye, move @ eye, atol=1e-5)
+    right = view.view_rotation @ Vector((1, 0, 0))
+    assert abs(right.z) < 1e-5
+
+
+def test_measuring_moves_the_views_as_the_splats(opened: Any, part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
+    module, moves = part("gaussian_heritage_addon.measuring"), []
+    monkeypatch.setattr(module, "follow_move", lambda scene, move: moves.append(move))
+    scene, types = bpy.context.scene, part("engine.scene")
+    distance = types.MeasuredDistance((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 5.0)
+    for measurement in (types.Measurement((distance,)), types.Measurement()):
+        module.measure(scene, measurement)
+    np.testing.assert_allclose(np.cbrt(np.linalg.det(moves[0][:3, :3])), 5.0, rtol=1e-5)
+    np.testing.assert_allclose(moves[1] @ moves[0], np.eye(4), atol=1e-5)

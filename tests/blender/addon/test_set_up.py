@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
+from conftest import FakeLayout, forget_jobs
 
 Part = Callable[[str], ModuleType]
+Draw = Callable[[str], FakeLayout]
 
 
 @pytest.fixture
@@ -87,3 +90,87 @@ def test_engine_is_removed_and_the_rest_stays(preferences: Any, folder: Path, pa
     (folder.parent / "photos").mkdir()
     assert bpy.ops.heritage.remove_engine() == {"FINISHED"}
     assert not folder.exists() and (folder.parent / "photos").exists()
+
+
+@pytest.fixture
+def offline(part: Part, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """Blender without online access, as it is when it was installed."""
+    box = part("gaussian_heritage_addon.set_up_box")
+    app = SimpleNamespace(online_access=False, online_access_override=False)
+    monkeypatch.setattr(box, "bpy", SimpleNamespace(app=app, context=bpy.context, types=bpy.types))
+    return app
+
+
+def test_panel_itself_offers_online_access(
+    preferences: Any, folder: Path, offline: SimpleNamespace, draw: Draw, tmp_path: Path
+) -> None:
+    drawn = draw("HERITAGE_PT_scene")
+    assert "use_online_access" in drawn.props and "Allow Online Access" in drawn.texts
+    offline.online_access_override = True
+    drawn = draw("HERITAGE_PT_scene")
+    assert "use_online_access" not in drawn.props and "--offline-mode" in " ".join(drawn.texts)
+    offline.online_access = True
+    assert "use_online_access" not in draw("HERITAGE_PT_scene").props
+    offline.online_access = False
+    (tmp_path / "bundle.zip").touch()
+    preferences.offline_bundle = str(tmp_path / "bundle.zip")
+    assert "--offline-mode" not in " ".join(draw("HERITAGE_PT_scene").texts)
+
+
+def test_reason_of_a_failed_set_up_survives_a_restart(
+    preferences: Any, folder: Path, part: Part, tmp_path: Path, draw: Draw
+) -> None:
+    (tmp_path / "holiday.zip").write_bytes(b"no zip")
+    preferences.offline_bundle = str(tmp_path / "holiday.zip")
+    with pytest.raises(RuntimeError, match="holiday.zip is not an offline bundle"):
+        bpy.ops.heritage.set_up_engine()
+    # A new session knows neither the job nor what was read.
+    forget_jobs(part("gaussian_heritage_addon.job_runner"))
+    module = part("gaussian_heritage_addon.preferences")
+    module._stored_problem.cache_clear()
+    assert "holiday.zip is not an offline bundle" in " ".join(draw("HERITAGE_PT_scene").texts)
+    module.store_set_up_problem("")
+    assert "holiday.zip" not in " ".join(draw("HERITAGE_PT_scene").texts)
+
+
+def drawn_preferences(installed: str) -> FakeLayout:
+    """Draw the page of the add-on in Blender's preferences."""
+    preferences, layout = bpy.context.preferences.addons[installed].preferences, FakeLayout()
+    names = preferences.__annotations__
+    values = {name: getattr(preferences, name) for name in names}
+    fake = SimpleNamespace(layout=layout, bl_rna=preferences.bl_rna, **values)
+    type(preferences).draw(fake, bpy.context)
+    return layout
+
+
+def test_each_model_says_what_it_is_good_for_and_licences_are_folded(
+    preferences: Any, folder: Path, installed: str, part: Part
+) -> None:
+    models = part("gaussian_heritage_addon.model_files").list_models()
+    good_for = part("gaussian_heritage_addon.preferences_page")._GOOD_FOR
+    assert set(good_for) == {model.name for model in models}
+    texts = " ".join(drawn_preferences(installed).texts)
+    for model in models:
+        assert good_for[model.name] in texts and model.terms[0] not in texts
+    preferences.show_licences = True
+    try:
+        unfolded = " ".join(drawn_preferences(installed).texts)
+        assert all(" ".join(model.terms[0].split()) in unfolded for model in models)
+    finally:
+        preferences.show_licences = False
+
+
+def test_preferences_say_what_uninstalling_leaves_and_how_to_delete_it(
+    preferences: Any, folder: Path, installed: str, part: Part
+) -> None:
+    assert "Uninstalling" not in " ".join(drawn_preferences(installed).texts)
+    part("gaussian_heritage_addon.installation").installed_engine().begin()
+    sizes = part("gaussian_heritage_addon.folder_size")
+    (folder / "packages").write_bytes(b"x" * 10_000)
+    assert sizes.count(folder) > 10_000
+    while sizes.folder_bytes(folder) is None:
+        time.sleep(0.01)
+    texts = " ".join(drawn_preferences(installed).texts)
+    assert "Uninstalling the add-on leaves the engine (0.0 GB)" in texts and "Press Remove first" in texts
+    # A path is broken behind its separators.
+    assert str(folder).replace(" ", "") in texts.replace(" ", "")

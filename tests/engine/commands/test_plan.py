@@ -9,6 +9,7 @@ import pytest
 
 from engine.cli import main
 from engine.system import machine
+from engine.training.settings import PRESET_LIST
 from tests.engine.command_line import call
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 
@@ -36,6 +37,17 @@ def test_program_reads_the_same_as_json(photos: Path, capsys: pytest.CaptureFixt
     low, middle, high = said["forecast"]["seconds"]
     assert 0 < low < middle < high
     assert {stage["stage"] for stage in said["forecast"]["stages"]} >= {"photos", "cameras", "masks", "training"}
+
+
+def test_every_offered_preset_has_a_time_and_a_sentence(photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = call(capsys, "plan", photos, "--every-preset")
+    (finished,) = answer.of_kind("finished")
+    presets = finished["outputs"]["presets"]
+    assert [preset["name"] for preset in presets] == [one.name for one in PRESET_LIST if one.offered]
+    seconds = [preset["forecast"]["seconds"][1] for preset in presets]
+    assert seconds == sorted(seconds) and seconds[0] < seconds[-1]
+    for one in PRESET_LIST:
+        assert (one.description in finished["message"]) == one.offered
 
 
 def test_wishes_change_the_plan(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,12 +21,14 @@ from engine.installation import bundle as bundles
 from engine.installation import installer as module
 from engine.installation.bundle import Bundle
 from engine.installation.locked import locked_file as real_locked_file
+from engine.installation.pip_command import NotTrusted
 from engine.installation.pythons import Interpreter, usable
 from engine.installation.target import Target
-from engine.system import SYSTEMS, package_system
+from engine.system import SYSTEMS, package_system, python_advice
 
 from .conftest import locked
 
+advice_module = importlib.import_module("engine.system.distributions")
 VERSION = (sys.version_info[0], sys.version_info[1])
 
 
@@ -181,6 +185,51 @@ def test_without_a_python_the_sentence_says_what_to_install(
     monkeypatch.setattr(module, "find_pythons", lambda preferred: iter([]))
     with pytest.raises(EnvironmentProblem, match="No Python that the engine can be installed with was found"):
         _install(engine)
+
+
+def test_old_pip_is_renewed_where_the_network_inspects_connections_and_the_certificate_is_named(
+    engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    renewed: list[Path] = []
+    monkeypatch.setattr(module, "_add_pip", lambda run: renewed.append(run.environment.python))
+    monkeypatch.setattr(module, "_PIP_WITH_TRUSTSTORE", (99,))
+    monkeypatch.setattr(module, "untrusted_certificate", lambda host, port: f"A certificate of Museum IT for {host}.")
+    torch = module.torch_source
+
+    def source(pip: Pip, build: str) -> TorchSource:
+        if len(renewed) < trusted_after:
+            raise NotTrusted("refused", "HTTPSConnectionPool(host='pypi.org', port=443)")
+        return torch(pip, build)
+
+    monkeypatch.setattr(module, "torch_source", source)
+    trusted_after = 2
+    with pytest.raises(EnvironmentProblem, match=r"^A certificate of Museum IT for pypi\.org\.$"):
+        _install(engine)
+    assert len(renewed) == 1
+    trusted_after = 1
+    _install(engine)
+    assert engine.state() == "ready" and len(renewed) == 1
+
+
+SYSTEMS_OF_PYTHON = {
+    "win32": ((), "python.org (Windows installer"),
+    "darwin": ((), "python.org (macOS"),
+    "debian": (("apt-get", "apt-cache"), "sudo apt-get install python3.13-venv."),
+    "fedora": (("dnf",), "sudo dnf install python3.11"),
+    "suse": (("zypper",), "sudo zypper install python311"),
+    "other": ((), "uv python install 3.11"),
+}
+
+
+@pytest.mark.parametrize("system", SYSTEMS_OF_PYTHON)
+def test_advice_on_python_is_true_on_this_system(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    programs, words = SYSTEMS_OF_PYTHON[system]
+    monkeypatch.setattr(advice_module.sys, "platform", system if system in ("win32", "darwin") else "linux")
+    monkeypatch.setattr(advice_module.shutil, "which", lambda name: name if name in programs else None)
+    shown = {"python3.13-venv": "Package: python3.13-venv"}
+    monkeypatch.setattr(advice_module, "run_text", lambda command: SimpleNamespace(stdout=shown.get(command[-1], "")))
+    advice = python_advice(((3, 11), (3, 12), (3, 13)))
+    assert words in advice and ("python.org" in advice) == (system in ("win32", "darwin"))
 
 
 def test_python_for_which_torch_can_be_had_is_taken(engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import venv
 from pathlib import Path
@@ -10,8 +11,9 @@ import pytest
 
 from engine.errors import Cancelled, EnvironmentProblem
 from engine.installation import Pip, locked_arguments
-from engine.installation.pip_command import run_logged
+from engine.installation.pip_command import NotTrusted, run_logged
 from engine.system import python_in
+from tests.engine.models.site import CERTIFICATE, running_site
 
 from .conftest import locked
 
@@ -72,3 +74,25 @@ def test_program_is_ended_when_the_user_stops(tmp_path: Path) -> None:
 def test_missing_program_is_told(tmp_path: Path) -> None:
     with pytest.raises(EnvironmentProblem, match="could not be started"):
         run_logged([tmp_path / "nothing"], tmp_path / "log", "")
+
+
+@pytest.mark.parametrize("trusted", [False, True])
+def test_certificate_that_pip_refuses_is_told_with_its_server(
+    pip: Pip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trusted: bool
+) -> None:
+    for name, value in {"RETRIES": "0", "CONFIG_FILE": os.devnull, "DISABLE_PIP_VERSION_CHECK": "1"}.items():
+        monkeypatch.setenv(f"PIP_{name}", value)
+    monkeypatch.delenv("PIP_CERT", raising=False)
+    if trusted:
+        monkeypatch.setenv("SSL_CERT_FILE", str(CERTIFICATE))
+    with running_site(b"<html></html>") as site:
+        arguments = ["--index-url", f"https://127.0.0.1:{site.port}/simple", "our-package"]
+        if trusted:
+            assert pip.offered(arguments) is None
+        for ask in (pip.install, *(() if trusted else (pip.offered,))):
+            with pytest.raises(EnvironmentProblem) as told:
+                ask(arguments)
+            assert isinstance(told.value, NotTrusted) is not trusted
+            if isinstance(told.value, NotTrusted):
+                assert (told.value.host, told.value.port) == ("127.0.0.1", site.port)
+        assert bool(site.requests) == trusted

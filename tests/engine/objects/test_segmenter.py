@@ -13,12 +13,13 @@ from PIL import Image
 from engine.errors import FormatError, ObjectError, PromptError
 from engine.events import Event, Warned
 from engine.gaussians.storage import save_gaussians
+from engine.grounding.detector import PromptCheck
 from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership, load_object, save_object
 from engine.project_folder import ProjectFolder
-from engine.records import list_trash, restore_object
+from engine.records import delete_object, list_trash, restore_object
 from engine.scene.polished import load_polished
 from engine.words import split_texts
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
@@ -293,3 +294,54 @@ def test_forms_of_several_clicks_are_read() -> None:
         parse_prompt(click=["a.jpg=1,2"], excluded=["a.jpg"])
     with pytest.raises(PromptError, match="--refine"):
         parse_prompt(text="vase", excluded=["a.jpg=1,2"])
+
+
+def stored(project: ProjectFolder) -> dict[str, object]:
+    return json.loads((project.path / CANDIDATES).read_text())  # type: ignore[no-any-return]
+
+
+def test_misspelt_text_is_stored_with_what_was_meant(blobs: BlobScene, project: ProjectFolder) -> None:
+    class Suggesting(FakeDetector):
+        def check_prompt(self, prompt: str) -> PromptCheck:
+            return PromptCheck(prompt != "bal", [("ball", 1.0), ("bell", 0.9)], f"{prompt!r} is not known.")
+
+    segmenter = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Suggesting(blobs))
+    segmenter.segment(ClickPrompt("view_2.png", *blobs.center_of(RED, "view_2.png")), "left ball")
+    with pytest.raises(PromptError, match="not known"):
+        segmenter.segment_texts(["left bal"], None)
+    (refusal,) = stored(project)["refused"]  # type: ignore[misc]
+    assert refusal["suggestions"] == ["left ball", "left bell"] and refusal["objects"] == ["left-ball"]
+
+
+def test_candidate_that_is_a_stored_object_says_so(blobs: BlobScene, project: ProjectFolder) -> None:
+    class Unsure(FakeDetector):
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return [0.05 * score for score in super().score_descriptions(described, prompt)]
+
+    (known,) = segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], None)[0]
+    unsure = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs))
+    with pytest.raises(PromptError, match="looks enough like"):
+        unsure.segment_texts(["blue ball"], "other")
+    assert known.id in [candidate["object"] for candidate in stored(project)["candidates"]]  # type: ignore[attr-defined]
+
+
+def test_object_with_an_unsure_name_has_a_picture_of_it(
+    blobs: BlobScene, project: ProjectFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sure = 0.9
+    monkeypatch.setattr("engine.objects.segmenter.SURE_SCORE", sure)
+
+    class Unsure(FakeDetector):
+        factor = 0.999
+
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return [self.factor * score for score in super().score_descriptions(described, prompt)]
+
+    for factor, name in ((0.999, "sure"), (0.6, "unsure")):
+        Unsure.factor = factor
+        (record,) = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs)).segment_texts(
+            ["blue ball"], name
+        )[0]
+        picture = project.path / "objects" / record.id / "picture.png"
+        assert picture.exists() == (record.score < sure) == (name == "unsure"), record.score
+        delete_object(project, record.id, why="test")

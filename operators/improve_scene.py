@@ -1,0 +1,105 @@
+"""Reconstruct the scene of the open project again, from the same photos, with a better preset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import bpy
+from bpy.props import EnumProperty
+
+from ..engine.errors import SettingsError
+from ..engine.jobs import format_seconds
+from ..engine.project_content import list_objects
+from ..engine.reconstruction_input import better_preset, read_input, repeat_arguments, texts_of_objects
+from ..engine.training.settings import PRESET_LIST
+from ..gaussian_heritage_addon import job_runner, preset_times
+from ..gaussian_heritage_addon.layouts import draw_text
+from ..gaussian_heritage_addon.properties import heritage_objects, project_of
+from ..gaussian_heritage_addon.translations import translated
+from ..gaussian_heritage_addon.typed_properties import blender_properties
+from .needing_project import is_project_open
+
+__all__ = ["CLASSES"]
+
+_DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 460, 65
+
+
+@blender_properties
+class HERITAGE_OT_improve_scene(bpy.types.Operator):
+    """Reconstruct this scene again, in the same project, from the same photos, with a better preset"""
+
+    bl_idname = "heritage.improve_scene"
+    bl_label = "Improve Scene"
+
+    preset: Annotated[
+        str,
+        EnumProperty(
+            name="Preset",
+            description="How much work is done, and how good the scene becomes",
+            items=[
+                ("NEXT", "Next Better", "The preset after that of the scene"),
+                *((one.name, one.name.capitalize(), one.description if one.offered else "") for one in PRESET_LIST),
+            ],
+            options={"SKIP_SAVE"},
+        ),
+    ]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether a project is open."""
+        return is_project_open(cls, context)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Say what becomes of the objects, and how long it takes."""
+        project = project_of(context.scene.heritage)
+        self.preset = self._wanted(project)
+        preset_times.ask(Path(read_input(project).photos))
+        return context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH, confirm_text="Reconstruct")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the dialog."""
+        project = project_of(context.scene.heritage)
+        photos = Path(read_input(project).photos)
+        for line in _consequences(project, self.preset, preset_times.preset_seconds(photos, again=True)):
+            draw_text(self.layout, line, line_length=_DIALOG_LINE_LENGTH)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the engine. The result is imported when it has finished."""
+        project = project_of(context.scene.heritage)
+        edited = [obj.name for obj in heritage_objects(context.scene, "OBJECT") if obj.heritage.is_edited]
+        if edited:
+            raise SettingsError(f"{', '.join(edited)} was edited by hand. Store its edits first, or undo them.")
+        state = job_runner.start("reconstruct", project, *repeat_arguments(project, self._wanted(project)))
+        message = "Working in the background; see the Heritage panel." if state is None else state.message
+        self.report({"INFO"}, message)
+        return {"FINISHED"}
+
+    def _wanted(self, project: Path) -> str:
+        wanted = better_preset(project) if self.preset == "NEXT" else self.preset
+        if not wanted:
+            raise SettingsError("This scene has the best preset already.")
+        return wanted
+
+
+def _consequences(project: Path, preset: str, seconds: dict[str, float] | None) -> list[str]:
+    """Return what happens, a sentence each."""
+    lines = [translated("The scene is trained again with the preset {}; cameras and masks are kept.", preset)]
+    if seconds and preset in seconds:
+        lines.append(translated("About {} on this computer.", format_seconds(seconds[preset])))
+    objects, texts = list_objects(project), texts_of_objects(project)
+    if objects:
+        lines.append(
+            translated(
+                "The {} objects of the project belong to the present Gaussians. They go to the project's trash.",
+                len(objects),
+            )
+        )
+    if texts:
+        lines.append(translated("Searched for again by their words: {}.", ", ".join(texts)))
+    if len(objects) > len(texts):
+        lines.append(translated("Objects that were clicked or made by hand stay in this .blend file as they are."))
+    return lines
+
+
+CLASSES = [HERITAGE_OT_improve_scene]

@@ -1,0 +1,38 @@
+"""Select an isolated object in the list and in the view."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import bpy
+from bpy.props import StringProperty
+
+from ..engine.errors import ObjectError
+from ..gaussian_heritage_addon.new_objects import show_new_objects
+from ..gaussian_heritage_addon.properties import heritage_objects
+from ..gaussian_heritage_addon.typed_properties import blender_properties
+
+__all__ = ["CLASSES"]
+
+
+@blender_properties
+class HERITAGE_OT_select_object(bpy.types.Operator):
+    """Select this object in the list, and look at it"""
+
+    bl_idname = "heritage.select_object"
+    bl_label = "Select Object"
+
+    object_id: Annotated[
+        str, StringProperty(name="Object", description="Id of the object in the project", options={"SKIP_SAVE"})
+    ]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Select and frame the object."""
+        if all(obj.heritage.object_id != self.object_id for obj in heritage_objects(context.scene, "OBJECT")):
+            raise ObjectError(f"This file has no object {self.object_id[:100]!r}. Open the project again.")
+        context.scene.heritage.show = "OBJECTS"
+        show_new_objects(context.scene, [self.object_id])
+        return {"FINISHED"}
+
+
+CLASSES = [HERITAGE_OT_select_object]
