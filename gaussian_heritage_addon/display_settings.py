@@ -9,14 +9,26 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
 from .properties import apply_photo_opacity, heritage_objects
 from .solid_mode import viewports
-from .splat_nodes import SHAPES, display_input, renew_display, set_display_input
+from .splat_nodes import DISPLAY, SHAPES, display_input, renew_display, set_display_input
 from .splats import SplatScene
 from .typed_properties import blender_properties
 
-__all__ = ["CLASSES", "HeritageDisplay", "apply_display", "choose_display", "register", "renew_displays", "unregister"]
+__all__ = [
+    "CLASSES",
+    "HeritageDisplay",
+    "apply_display",
+    "choose_display",
+    "register",
+    "renew_displays",
+    "show_as_set",
+    "show_without_addon",
+    "unregister",
+]
 
 _MOST_ON_CARD, _MOST_ON_PROCESSOR = 2_000_000, 400_000
 """Gaussians that a graphics card, and a processor without one, draw while the view turns."""
+_AS_DOTS_KEY = "heritage_as_dots"
+"""Custom property: whether the display of the object is off in the viewports for a Blender without the add-on."""
 
 
 def apply_display(scene: bpy.types.Scene) -> None:
@@ -25,6 +37,32 @@ def apply_display(scene: bpy.types.Scene) -> None:
     for obj in heritage_objects(scene):
         if display_input(obj, SHAPES) != shapes:
             set_display_input(obj, SHAPES, shapes)
+        if obj.get(_AS_DOTS_KEY) is not None:
+            del obj[_AS_DOTS_KEY]
+            if DISPLAY in obj.modifiers:
+                obj.modifiers[DISPLAY].show_viewport = True
+
+
+def show_without_addon() -> None:
+    """Let Blender itself draw the splats of this file, which is about to be saved: one may open it without the add-on.
+
+    Shapes are drawn, or a dot for each Gaussian of an object with so many that shapes would keep Blender waiting.
+    """
+    for scene in bpy.data.scenes:
+        for obj in heritage_objects(scene):
+            if obj.library is not None or display_input(obj, SHAPES) is None:
+                continue
+            if len(obj.data.vertices) <= _MOST_ON_PROCESSOR:
+                set_display_input(obj, SHAPES, True)
+            elif obj.modifiers[DISPLAY].show_viewport:
+                obj[_AS_DOTS_KEY] = True
+                obj.modifiers[DISPLAY].show_viewport = False
+
+
+def show_as_set() -> None:
+    """Let all splats of this file be drawn as their scenes say, after it was saved or loaded."""
+    for scene in bpy.data.scenes:
+        apply_display(scene)
 
 
 def renew_displays() -> None:

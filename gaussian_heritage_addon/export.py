@@ -17,13 +17,14 @@ from ..engine.files import path_within
 from ..engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz, write_usd
 from ..engine.scene import Gaussians, far_gaussians, read_camera_set
 from .moved_projects import is_missing
+from .native_splats import has_native_splats, native_gaussians
 from .placement import frame_of_object
 from .properties import HeritageObject, project_of, record_of
 from .sog_pictures import encode_picture
 from .splats import SplatScene
 from .stored_file import StoredFile
 
-__all__ = ["FORMATS", "ExportOptions", "export_splats", "export_together"]
+__all__ = ["FORMATS", "ExportOptions", "can_be_exported", "export_splats", "export_together"]
 
 FORMATS = ("ply", "glb", "spz", "sog", "usd")
 """Formats, named as the extensions of their files."""
@@ -57,6 +58,11 @@ class _Exported:
     matrix: NDArray[np.float64]
     stored: StoredFile | None
     lost: NDArray[np.float64] | None = None
+
+
+def can_be_exported(obj: bpy.types.Object) -> bool:
+    """Return whether `obj` has Gaussians: the add-on's, or those of Blender's own type."""
+    return SplatScene.is_splats(obj) or has_native_splats(obj)
 
 
 def export_splats(
@@ -141,6 +147,11 @@ def _with_bands(gaussians: Gaussians, count: int) -> Gaussians:
 
 
 def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
+    if has_native_splats(obj):
+        matrix = np.array(obj.matrix_world, dtype=np.float64)
+        if options.own_origin:
+            matrix[:3, 3] = 0
+        return _Exported(native_gaussians(obj), {}, matrix, None)
     splats = SplatScene.of(obj)
     splats.follow_vertices()
     gaussians, membership, stored = splats.local_gaussians(), splats.membership, splats.stored_file

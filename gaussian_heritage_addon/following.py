@@ -1,10 +1,10 @@
-"""Calls what must follow changes in Blender: splats their vertices, and paths of projects the file."""
+"""Calls what must follow changes in Blender: splats their vertices and scene, and paths of projects the file."""
 
 from __future__ import annotations
 
 import bpy
 
-from . import moved_projects
+from . import display_settings, moved_projects
 from .guards import (
     add_change_handler,
     add_import_handler,
@@ -14,6 +14,7 @@ from .guards import (
     remove_handler,
     remove_save_handlers,
 )
+from .properties import apply_visibility, fit_arrived
 from .splats import SplatScene
 
 __all__ = ["register", "unregister"]
@@ -30,19 +31,39 @@ def _after_loading() -> None:
         if SplatScene.is_splats(obj):
             SplatScene.of(obj).follow_vertices()
     moved_projects.find_moved()
+    display_settings.show_as_set()
+
+
+def _after_appending(items: list[tuple[bpy.types.ID, str]]) -> None:
+    moved_projects.after_appending(items)
+    # What was appended by scripts may enter a scene later; the button *Set Up Render* treats it as these.
+    for scene in bpy.data.scenes:
+        fit_arrived(scene, {id_block for id_block, _ in items})
+        apply_visibility(scene)
+    display_settings.show_as_set()
+
+
+def _before_saving(file: str) -> None:
+    moved_projects.before_saving(file)
+    display_settings.show_without_addon()
+
+
+def _after_saving(file: str) -> None:
+    moved_projects.after_saving(file)
+    display_settings.show_as_set()
 
 
 def register() -> None:
     """Follow changes, loading, saving and appending."""
     add_change_handler(_after_change)
     add_load_handler(_after_loading)
-    add_import_handler(moved_projects.after_appending)
-    add_save_handlers(moved_projects.before_saving, moved_projects.after_saving)
+    add_import_handler(_after_appending)
+    add_save_handlers(_before_saving, _after_saving)
 
 
 def unregister() -> None:
     """Undo `register`."""
     remove_save_handlers()
-    remove_handler(moved_projects.after_appending)
+    remove_handler(_after_appending)
     remove_handler(_after_loading)
     remove_change_handler(_after_change)

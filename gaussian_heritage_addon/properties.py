@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +15,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..engine.errors import ObjectError, ProjectError
 from ..engine.project_content import load_level, require_object
 from ..engine.records import MuseumRecord, save_record
-from .splat_nodes import AS_TRAINED, THRESHOLD, set_display_input
+from .splat_nodes import AS_TRAINED, THRESHOLD, display_input, set_display_input
 from .splats import SplatScene
 from .typed_properties import blender_properties
 
@@ -30,6 +30,7 @@ __all__ = [
     "apply_blending",
     "apply_photo_opacity",
     "apply_visibility",
+    "fit_arrived",
     "heritage_objects",
     "loading",
     "photo_alpha",
@@ -196,6 +197,18 @@ def apply_blending(scene: bpy.types.Scene) -> None:
     as_trained = scene.heritage.blending == "TRAINED"
     for obj in heritage_objects(scene):
         set_display_input(obj, AS_TRAINED, as_trained)
+
+
+def fit_arrived(scene: bpy.types.Scene, arrived: Collection[bpy.types.ID]) -> None:
+    """Fit the blending of `scene` and of splats that were appended or linked to each other.
+
+    Where the scene had no splats before, it blends as these did. Otherwise, they blend as the scene does.
+    """
+    splats = heritage_objects(scene)
+    known = [display_input(obj, AS_TRAINED) for obj in splats if obj in arrived]
+    if known and all(obj in arrived for obj in splats):
+        scene.heritage.blending = "TRAINED" if known[0] else "LINEAR"
+    apply_blending(scene)
 
 
 def _threshold_changed(properties: HeritageObject, context: bpy.types.Context) -> None:

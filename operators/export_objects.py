@@ -10,9 +10,14 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.export import FORMATS, ExportOptions, export_splats, export_together
+from ..gaussian_heritage_addon.export import (
+    FORMATS,
+    ExportOptions,
+    can_be_exported,
+    export_splats,
+    export_together,
+)
 from ..gaussian_heritage_addon.properties import heritage_objects
-from ..gaussian_heritage_addon.splats import SplatScene
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
@@ -103,7 +108,7 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
 
     def _objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         if self.scope == "SELECTED":
-            return [obj for obj in context.scene.objects if obj.select_get() and SplatScene.is_splats(obj)]
+            return [obj for obj in context.scene.objects if obj.select_get() and can_be_exported(obj)]
         return heritage_objects(context.scene, {"ALL": "OBJECT", "SCENE": "SCENE"}[self.scope])
 
 
@@ -142,7 +147,7 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
             found = list(bpy.data.collections[self.collection].all_objects)
         else:
             raise ObjectError(f"There is no collection {self.collection}. Choose the collection again.")
-        return [obj for obj in found if SplatScene.is_splats(obj)]
+        return [obj for obj in found if can_be_exported(obj)]
 
 
 class HERITAGE_FH_export_splats(bpy.types.FileHandler):
