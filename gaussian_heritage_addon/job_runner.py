@@ -15,6 +15,7 @@ import bpy
 
 from ..engine.errors import Cancelled, HeritageError, ProjectError
 from ..engine.jobs import Job, JobState, WaitingJob
+from ..engine.project_content import is_project
 from . import problems
 from .engine_process import engine_command
 from .first_view import show_job, show_scene
@@ -179,6 +180,12 @@ def continue_last() -> None:
     last = current()
     if last is None or last[1].running:
         raise ProjectError("There is no stopped job to continue.")
+    project = Path(last[0].subject)
+    if last[0].kind == "segment" and not is_project(project):
+        raise ProjectError(
+            f"The project {project} is missing, so its job cannot continue. Choose where it is now with Find Project, "
+            "then start the job again."
+        )
     start_command(last[0].kind, Path(last[0].subject), last[0].command)
 
 

@@ -87,7 +87,9 @@ ENVIRONMENTS = (
         "engine", (3, 11), ("engine", "serve", "batch", "formats", "dev", "torch", "cuda"), ENGINE_IMPORTS, True
     ),
     *(
-        Environment(f"blender-{version}", python, (f"blender-{version}", f"bpy-{version}"), "import bpy, pytest", not at)
+        Environment(
+            f"blender-{version}", python, (f"blender-{version}", f"bpy-{version}"), "import bpy, pytest", not at
+        )
         for at, (version, python) in enumerate(BLENDERS.items())
     ),
 )

@@ -39,9 +39,7 @@ LOCKED = {
     "batch": ("engine", "serve", "batch"),
     "formats": ("engine", "formats"),
     "engine": ("engine", "torch"),
-    **{
-        file.stem: (file.stem, file.stem.replace("blender", "bpy")) for file in REQUIREMENTS.glob("blender-*.txt")
-    },
+    **{file.stem: (file.stem, file.stem.replace("blender", "bpy")) for file in REQUIREMENTS.glob("blender-*.txt")},
     "installation": ("node", "pip"),
     "sbom": ("sbom",),
 }

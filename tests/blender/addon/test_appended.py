@@ -105,7 +105,10 @@ def test_collection_that_was_hidden_in_its_own_file_is_shown_where_it_is_appende
 def test_splats_that_are_appended_to_others_blend_as_these(
     part: Part, random_gaussians: Callable[..., Any], tmp_path: Path
 ) -> None:
-    create, nodes = part("gaussian_heritage_addon.splats").SplatScene.create, part("gaussian_heritage_addon.splat_nodes")
+    create, nodes = (
+        part("gaussian_heritage_addon.splats").SplatScene.create,
+        part("gaussian_heritage_addon.splat_nodes"),
+    )
     create("s", random_gaussians(5), bpy.context.scene.collection).object.heritage.role = "SCENE"
     bpy.context.scene.heritage.blending = "TRAINED"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "from.blend"))
