@@ -12,13 +12,14 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import DiskError, HeritageError, ObjectError, ProjectError, SettingsError
+from ..engine.errors import DiskError, ObjectError, ProjectError, SettingsError
 from ..engine.files import path_within
 from ..engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz
-from ..engine.project_content import list_objects
 from ..engine.scene import Gaussians, far_gaussians, read_camera_set
 from .moved_projects import is_missing
+from .native_splats import has_native_splats, native_gaussians
 from .object_geometry import moved_gaussians
+from .object_state import HeritageState
 from .placement import frame_of_object, frame_of_whole
 from .properties import HeritageObject, heritage_objects, project_of, record_of
 from .sog_pictures import encode_picture
@@ -31,6 +32,7 @@ __all__ = [
     "FORMATS",
     "ExportChoice",
     "ExportOptions",
+    "can_be_exported",
     "choose_objects",
     "clean_name",
     "export_formats",
@@ -96,25 +98,15 @@ def _is_closed(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 
 
 def clean_name(obj: bpy.types.Object) -> str:
-    """Return the name of splats without the number that Blender adds to names that are in use (``vase.001``).
+    """Return the name that splats have in their project, otherwise without Blender's number for names in use (.001).
 
-    The name that the project has for the object stays as it is, and so does a name of numbers only (``1906.123``).
+    A name of numbers only (``1906.123``) stays as it is.
     """
+    state: HeritageState = obj.heritage_state
+    if state.object_name and obj.name == state.shown_name:
+        return state.object_name
     numbered = re.fullmatch(r"(.*[^\d.].*)\.\d{3}", obj.name)
-    if numbered is None or _name_in_project(obj) == obj.name:
-        return obj.name
-    return numbered[1]
-
-
-def _name_in_project(obj: bpy.types.Object) -> str:
-    """Return the name of an isolated object in its project; empty where that cannot be read."""
-    if not obj.heritage.object_id or is_missing(obj.heritage):
-        return ""
-    try:
-        names = {item.id: item.name for item in list_objects(project_of(obj.heritage))}
-    except HeritageError:
-        return ""
-    return names.get(obj.heritage.object_id, "")
+    return obj.name if numbered is None else numbered[1]
 
 
 @dataclass(frozen=True)
@@ -145,6 +137,11 @@ class _Exported:
     matrix: NDArray[np.float64]
     stored: StoredFile | None
     lost: NDArray[np.float64] | None = None
+
+
+def can_be_exported(obj: bpy.types.Object) -> bool:
+    """Return whether `obj` has Gaussians: the add-on's, or those of Blender's own type."""
+    return SplatScene.is_splats(obj) or has_native_splats(obj)
 
 
 def export_splats(
@@ -229,6 +226,11 @@ def _with_bands(gaussians: Gaussians, count: int) -> Gaussians:
 
 
 def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
+    if has_native_splats(obj):
+        matrix = world_matrix(obj)
+        if options.own_origin:
+            matrix[:3, 3] = 0
+        return _Exported(native_gaussians(obj), {}, matrix, None)
     splats = SplatScene.of(obj)
     splats.follow_vertices()
     gaussians, membership, stored = splats.local_gaussians(), splats.membership, splats.stored_file

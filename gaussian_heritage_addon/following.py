@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import moved_projects
+from . import display_settings, moved_projects
 from .guards import (
     add_change_handler,
     add_import_handler,
@@ -15,7 +15,8 @@ from .guards import (
     remove_handler,
     remove_save_handlers,
 )
-from .properties import follow_eyes, follow_selection
+from .properties import apply_visibility, follow_eyes
+from .selection import follow_selection
 from .splats import SplatScene
 
 __all__ = ["register", "unregister"]
@@ -39,6 +40,26 @@ def _after_loading() -> None:
             SplatScene.of(obj).follow_vertices()
     _after_update()
     moved_projects.find_moved()
+    display_settings.show_as_set()
+
+
+def _after_appending(items: list[tuple[bpy.types.ID, str]]) -> None:
+    moved_projects.after_appending(items)
+    # What was appended by scripts may enter a scene later; the button *Set Up Render* treats it as these.
+    for scene in bpy.data.scenes:
+        display_settings.fit_arrived(scene, {id_block for id_block, _ in items})
+        apply_visibility(scene)
+    display_settings.show_as_set()
+
+
+def _before_saving(file: str) -> None:
+    moved_projects.before_saving(file)
+    display_settings.show_without_addon()
+
+
+def _after_saving(file: str) -> None:
+    moved_projects.after_saving(file)
+    display_settings.show_as_set()
 
 
 def register() -> None:
@@ -46,14 +67,14 @@ def register() -> None:
     add_change_handler(_after_change)
     add_update_handler(_after_update)
     add_load_handler(_after_loading)
-    add_import_handler(moved_projects.after_appending)
-    add_save_handlers(moved_projects.before_saving, moved_projects.after_saving)
+    add_import_handler(_after_appending)
+    add_save_handlers(_before_saving, _after_saving)
 
 
 def unregister() -> None:
     """Undo `register`."""
     remove_save_handlers()
-    remove_handler(moved_projects.after_appending)
+    remove_handler(_after_appending)
     remove_handler(_after_loading)
     remove_handler(_after_update)
     remove_change_handler(_after_change)

@@ -16,6 +16,7 @@ import bpy
 
 from ..engine.errors import Cancelled, HeritageError, ProjectError
 from ..engine.jobs import Job, JobState, WaitingJob
+from ..engine.project_content import is_project
 from . import problems
 from .engine_process import engine_command
 from .first_view import show_job, show_scene
@@ -219,6 +220,11 @@ def continue_stopped(number: int) -> None:
         When there is no such job, or it cannot be started.
     """
     job = _stopped_job(number)
+    if job.kind == "segment" and not is_project(Path(job.subject)):
+        raise ProjectError(
+            f"The project {job.subject} is missing, so its job cannot continue. Choose where it is now with Find "
+            "Project, then start the job again."
+        )
     start_command(job.kind, Path(job.subject), job.command)
     # Only now: until then, an error leaves the job where the user can continue it.
     _no_longer_stopped(job)

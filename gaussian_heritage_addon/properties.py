@@ -18,7 +18,6 @@ from ..engine.records import MuseumRecord
 from .lengths import read_length, write_length
 from .selection import (
     active_object,
-    follow_selection,
     heritage_objects,
     select_object,
     set_active_object,
@@ -40,7 +39,6 @@ __all__ = [
     "apply_photo_opacity",
     "apply_visibility",
     "follow_eyes",
-    "follow_selection",
     "heritage_objects",
     "loading",
     "photo_alpha",
@@ -53,7 +51,6 @@ __all__ = [
     "set_active_object",
     "set_record_writer",
     "unregister",
-    "view_layer_of",
     "view_transform_of",
 ]
 

@@ -6,7 +6,8 @@ import bpy
 
 from ..engine.errors import ObjectError
 from ..gaussian_heritage_addon.native_splats import copy_as_native, is_native
-from ..gaussian_heritage_addon.properties import heritage_objects
+from ..gaussian_heritage_addon.placement import placement_properties
+from ..gaussian_heritage_addon.properties import heritage_objects, record_of
 from ..gaussian_heritage_addon.splats import SplatScene
 
 __all__ = ["CLASSES"]
@@ -28,7 +29,12 @@ class HERITAGE_OT_copy_as_native(bpy.types.Operator):
         for obj in heritage_objects(context.scene):
             if obj.visible_get():
                 threshold = obj.heritage.threshold if obj.heritage.role == "OBJECT" else None
-                copy_as_native(obj.name, SplatScene.of(obj).gaussians(threshold), collection)
+                copy = copy_as_native(obj.name, SplatScene.of(obj).gaussians(threshold), collection)
+                # Its exported file states the unit and the record, as that of the object does.
+                for key, value in placement_properties(obj).items():
+                    copy[key] = value
+                for name, value in record_of(obj).as_dict().items():
+                    setattr(copy.heritage, name, value)
         return {"FINISHED"}
 
 

@@ -14,6 +14,7 @@ from ..engine.errors import ObjectError
 from ..gaussian_heritage_addon.export import (
     FORMATS,
     ExportOptions,
+    can_be_exported,
     choose_objects,
     clean_name,
     export_formats,
@@ -22,7 +23,6 @@ from ..gaussian_heritage_addon.export import (
 )
 from ..gaussian_heritage_addon.layouts import draw_text
 from ..gaussian_heritage_addon.properties import heritage_objects
-from ..gaussian_heritage_addon.splats import SplatScene
 from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
@@ -157,7 +157,7 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
     def _chosen(self, context: bpy.types.Context) -> tuple[list[bpy.types.Object], list[tuple[bpy.types.Object, str]]]:
         """Return the objects to export, and those that are left out with the reason."""
         if self.scope == "SELECTED":
-            return [obj for obj in context.scene.objects if obj.select_get() and SplatScene.is_splats(obj)], []
+            return [obj for obj in context.scene.objects if obj.select_get() and can_be_exported(obj)], []
         if self.scope == "SCENE":
             return heritage_objects(context.scene, "SCENE"), []
         choice = choose_objects(context.scene, with_hidden=self.with_hidden, with_background=self.with_background)
@@ -211,7 +211,7 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
             found = list(bpy.data.collections[self.collection].all_objects)
         else:
             raise ObjectError(f"There is no collection {self.collection}. Choose the collection again.")
-        return [obj for obj in found if SplatScene.is_splats(obj)]
+        return [obj for obj in found if can_be_exported(obj)]
 
 
 class HERITAGE_FH_export_splats(bpy.types.FileHandler):

@@ -21,7 +21,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from places import ROOT
+from places import BLENDERS, ROOT
 
 __all__ = ["main"]
 
@@ -43,14 +43,16 @@ LOCKS = {
             ENGINE / "locked-cuda.txt": "What only CUDA builds of torch need",
         },
     ),
-    "blender-4.5.txt": (
-        "3.11",
-        {REQUIREMENTS / "locked-blender-4.5.txt": "All but bpy", REQUIREMENTS / "locked-bpy-4.5.txt": "bpy alone"},
-    ),
-    "blender-5.2.txt": (
-        "3.13",
-        {REQUIREMENTS / "locked-blender-5.2.txt": "All but bpy", REQUIREMENTS / "locked-bpy-5.2.txt": "bpy alone"},
-    ),
+    **{
+        f"blender-{version}.txt": (
+            ".".join(str(part) for part in python),
+            {
+                REQUIREMENTS / f"locked-blender-{version}.txt": "All but bpy",
+                REQUIREMENTS / f"locked-bpy-{version}.txt": "bpy alone",
+            },
+        )
+        for version, python in BLENDERS.items()
+    },
     "installation.txt": (
         "3.11",
         {

@@ -9,7 +9,7 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["PACKAGES", "ROOT", "blender_environments", "environment_folder", "program_of", "python_of"]
+__all__ = ["BLENDERS", "PACKAGES", "ROOT", "blender_environments", "environment_folder", "program_of", "python_of"]
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -17,6 +17,10 @@ from engine.system import program_in, python_in  # noqa: E402 it imports the sta
 
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 """The packages of the extension."""
+BLENDERS = {"4.5": (3, 11), "5.2": (3, 13), "5.3": (3, 13)}
+"""The versions of Blender in which the add-on is tested, and the Python of each: the only list of them.
+
+The first builds the extension and must be there. The others are tested where their Python is found."""
 
 
 def environment_folder(name: str) -> Path:
@@ -35,5 +39,6 @@ def program_of(name: str, program: str) -> Path:
 
 
 def blender_environments() -> list[str]:
-    """Return the Blender environments to test: 4.5 always, 5.2 when it exists."""
-    return ["blender-4.5"] + (["blender-5.2"] if python_of("blender-5.2").exists() else [])
+    """Return the Blender environments to test: the first of `BLENDERS` always, the others when they exist."""
+    first, *others = (f"blender-{version}" for version in BLENDERS)
+    return [first, *(name for name in others if python_of(name).exists())]

@@ -1,10 +1,13 @@
 """Run tests/blender in each available Blender with the installed zip, without the repository in ``sys.path``.
 
-example: python scripts/run_blender_tests.py
+Other arguments are those of pytest.
+
+example: python scripts/run_blender_tests.py --blender 5.3 -k zip
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import subprocess
@@ -12,14 +15,19 @@ import sys
 import tempfile
 from pathlib import Path
 
-from places import ROOT, blender_environments, python_of
+from places import BLENDERS, ROOT, blender_environments, python_of
 
 
 def main() -> int:
-    """Run the tests; return 1 if some failed or Blender 4.5 is missing."""
+    """Run the tests; return 1 if some failed or the Blender that builds the extension is missing."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    parser.add_argument("--blender", choices=BLENDERS, help="version to test in (default: each one that is there)")
+    options, for_pytest = parser.parse_known_args()
     blenders = [(name, python_of(name)) for name in blender_environments()]
     if not blenders[0][1].exists():
-        print("Blender 4.5 is missing. Run `make setup`.", file=sys.stderr)
+        print(f"{blenders[0][0]} is missing. Run `make setup`.", file=sys.stderr)
         return 1
     failed = False
     with tempfile.TemporaryDirectory() as name:
@@ -29,6 +37,8 @@ def main() -> int:
         zip_file = folder / "gaussian_heritage.zip"
         subprocess.run([blenders[0][1], ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=True)
         for label, python in blenders:
+            if options.blender not in (None, label.removeprefix("blender-")):
+                continue
             print(f"{label}:", flush=True)
             environment = {
                 **os.environ,
@@ -48,7 +58,7 @@ def main() -> int:
                 "-q",
                 "-c",
                 folder / "tests" / "pytest.ini",
-                *sys.argv[1:],
+                *for_pytest,
             ]
             result = subprocess.run(
                 [str(part) for part in [*command, folder / "tests"]], cwd=folder, env=environment, check=False

@@ -1,7 +1,7 @@
 """Create the Python environments of the repository and download the model files: ``make setup``.
 
-Runs on Python 3.9 or newer with the standard library only. Creates ``.venv/engine`` and ``.venv/blender-4.5`` with
-CPython 3.11, and ``.venv/blender-5.2`` if a CPython 3.13 is found. Completed steps are not repeated.
+Runs on Python 3.9 or newer with the standard library only. Creates ``.venv/engine`` and an environment for each Blender
+of `places.BLENDERS`; those after the first only if their Python is found. Completed steps are not repeated.
 
 example: python scripts/setup_environments.py
 """
@@ -18,7 +18,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from places import ROOT, environment_folder, python_of
+from places import BLENDERS, ROOT, environment_folder, python_of
 
 sys.path.insert(0, str(ROOT))
 from engine.errors import HeritageError  # noqa: E402 it imports the standard library alone
@@ -86,8 +86,12 @@ ENVIRONMENTS = (
     Environment(
         "engine", (3, 11), ("engine", "serve", "batch", "formats", "dev", "torch", "cuda"), ENGINE_IMPORTS, True
     ),
-    Environment("blender-4.5", (3, 11), ("blender-4.5", "bpy-4.5"), "import bpy, pytest", True),
-    Environment("blender-5.2", (3, 13), ("blender-5.2", "bpy-5.2"), "import bpy, pytest", False),
+    *(
+        Environment(
+            f"blender-{version}", python, (f"blender-{version}", f"bpy-{version}"), "import bpy, pytest", not at
+        )
+        for at, (version, python) in enumerate(BLENDERS.items())
+    ),
 )
 
 
@@ -117,16 +121,16 @@ def make_environments(torch: str) -> None:
         if environment.is_ready(torch):
             continue
         python = find_python(environment.python)
+        wanted = ".".join(str(part) for part in environment.python)
         if python:
             pythons[environment] = python
         elif environment.required:
-            wanted = ".".join(str(part) for part in environment.python)
             raise SetupProblem(
                 f"no CPython {wanted} (64 bit, with venv and pip) was found; install it from python.org or your "
                 f"system's packages (Debian: python{wanted}-venv) and run `make setup` again."
             )
         elif not python_of(environment.name).exists():
-            print(f"{environment.name}: skipped, because no CPython 3.13 was found; its tests will not run.")
+            print(f"{environment.name}: skipped, because no CPython {wanted} was found; its tests will not run.")
     if not pythons:
         print("The environments are ready.", flush=True)
         return

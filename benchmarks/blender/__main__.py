@@ -26,7 +26,7 @@ from engine.scene import Gaussians, read_camera_set
 from engine.system import describe_machine
 
 from .likeness import engine_picture, psnr
-from .window import ROOT, BlenderWindow, python_of
+from .window import ROOT, BlenderWindow, blender_environments, python_of
 
 _LARGE, _SLID = 1_000_000, 300_000
 """Gaussians of the imported file, and of the object whose threshold is changed."""
@@ -77,7 +77,7 @@ def main() -> int:
     projects = {"museum room": options.museum.absolute(), "statue": options.statue.absolute()}
     large = options.work / "large.ply"
     write_ply(large, random_gaussians(_LARGE))
-    blenders = [name for name in ("blender-4.5", "blender-5.2") if python_of(name).exists()]
+    blenders = blender_environments()
     rows = [import_row(name, large) for name in blenders]
     goals = {"museum room": 28.0, "statue": 26.0}
     expected = {

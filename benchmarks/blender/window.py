@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from places import python_of  # noqa: E402
+from places import blender_environments, python_of  # noqa: E402
 from window_test import Window  # noqa: E402
 
-__all__ = ["BlenderWindow"]
+__all__ = ["BlenderWindow", "blender_environments"]
 
 
 class BlenderWindow:

@@ -39,8 +39,7 @@ LOCKED = {
     "batch": ("engine", "serve", "batch"),
     "formats": ("engine", "formats"),
     "engine": ("engine", "torch"),
-    "blender-4.5": ("blender-4.5", "bpy-4.5"),
-    "blender-5.2": ("blender-5.2", "bpy-5.2"),
+    **{file.stem: (file.stem, file.stem.replace("blender", "bpy")) for file in REQUIREMENTS.glob("blender-*.txt")},
     "installation": ("node", "pip"),
     "sbom": ("sbom",),
 }

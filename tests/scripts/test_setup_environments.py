@@ -76,3 +76,10 @@ def test_no_second_index_is_ever_added() -> None:
     sources = [SCRIPTS / "setup_environments.py", *(SCRIPTS.parent / "engine" / "installation").glob("*.py")]
     assert len(sources) > 5
     assert not any("--extra-index-url" in source.read_text() for source in sources)
+
+
+def test_each_blender_of_the_list_has_its_packages_and_no_other_has(setup: ModuleType) -> None:
+    blenders = [f"blender-{version}" for version in importlib.import_module("places").BLENDERS]
+    assert [environment.name for environment in setup.ENVIRONMENTS[1:]] == blenders
+    assert sorted(file.stem for file in setup.REQUIREMENTS.glob("blender-*.txt")) == blenders
+    assert all(file.is_file() for environment in setup.ENVIRONMENTS for file in environment.files())

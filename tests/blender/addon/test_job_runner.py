@@ -175,6 +175,17 @@ def test_jobs_are_searched_again_after_a_file_was_loaded(runner: ModuleType, mon
     assert searched == [True, True]
 
 
+def test_stopped_job_of_a_project_that_is_gone_says_so(
+    runner: ModuleType, opened: Any, tmp_path: Path, fake_engine: StandIn
+) -> None:
+    fake_engine("say('error', message='The disk is full.')")
+    _segment(runner, opened, "vase")
+    _poll_to_the_end(runner)
+    opened.folder.rename(tmp_path / "away")
+    with pytest.raises(RuntimeError, match=r"is missing, so its job cannot continue\. Choose .* Find Project"):
+        bpy.ops.heritage.continue_job()
+
+
 def test_stopped_job_continues_with_the_same_command(
     runner: ModuleType, project: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
