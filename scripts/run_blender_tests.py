@@ -1,6 +1,6 @@
 """Run tests/blender in each available Blender with the installed zip, without the repository in ``sys.path``.
 
-Other arguments are those of pytest.
+The Blenders run side by side; the output of each is shown when it has ended. Other arguments are those of pytest.
 
 example: python scripts/run_blender_tests.py --blender 5.3 -k zip
 """
@@ -13,6 +13,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from places import BLENDERS, ROOT, blender_environments, python_of
@@ -36,35 +38,34 @@ def main() -> int:
         shutil.copytree(ROOT / "tests" / "blender", folder / "tests", ignore=shutil.ignore_patterns("__pycache__"))
         zip_file = folder / "gaussian_heritage.zip"
         subprocess.run([blenders[0][1], ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=True)
-        for label, python in blenders:
-            if options.blender not in (None, label.removeprefix("blender-")):
-                continue
-            print(f"{label}:", flush=True)
-            environment = {
-                **os.environ,
-                "GAUSSIAN_HERITAGE_ZIP": str(zip_file),
-                "GAUSSIAN_HERITAGE_PYTHON": str(python_of("engine")),
-                "GAUSSIAN_HERITAGE_DEMO": str(ROOT / "demo"),
-                "GAUSSIAN_HERITAGE_FIXTURES": str(ROOT / "tests" / "fixtures"),
-            }
-            environment.pop("PYTHONPATH", None)
-            command = [
-                python,
-                "-P",
-                "-m",
-                "pytest",
-                "-p",
-                "no:cacheprovider",
-                "-q",
-                "-c",
-                folder / "tests" / "pytest.ini",
-                *for_pytest,
-            ]
-            result = subprocess.run(
-                [str(part) for part in [*command, folder / "tests"]], cwd=folder, env=environment, check=False
-            )
-            failed = failed or result.returncode != 0
+        chosen = [one for one in blenders if options.blender in (None, one[0].removeprefix("blender-"))]
+        # Each suite keeps about one core busy.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            runs = {label: pool.submit(run_tests, python, folder, zip_file, for_pytest) for label, python in chosen}
+            for label, run in runs.items():
+                done = run.result()
+                print(f"{label}:\n{done.stdout}", flush=True)
+                failed = failed or done.returncode != 0
     return int(failed)
+
+
+def run_tests(python: Path, folder: Path, zip_file: Path, arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """Run the tests of `folder` in the Blender of `python`, which gets the zip; return its output and exit code."""
+    environment = {
+        **os.environ,
+        "GAUSSIAN_HERITAGE_ZIP": str(zip_file),
+        "GAUSSIAN_HERITAGE_PYTHON": str(python_of("engine")),
+        "GAUSSIAN_HERITAGE_DEMO": str(ROOT / "demo"),
+        "GAUSSIAN_HERITAGE_FIXTURES": str(ROOT / "tests" / "fixtures"),
+    }
+    environment.pop("PYTHONPATH", None)
+    tests = folder / "tests"
+    options = ["-P", "-m", "pytest", "-p", "no:cacheprovider", "-q", "-c", tests / "pytest.ini"]
+    words = [str(part) for part in [python, *options, *arguments, tests]]
+    return subprocess.run(
+        words, cwd=folder, env=environment, check=False, text=True, errors="replace",
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":
