@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -18,10 +18,11 @@ from ..system import advice_for, delete_file, replace_file
 __all__ = ["TEMPORARY_PREFIX", "atomic_write", "file_sha256", "finite_or_null", "write_json", "write_problem"]
 
 TEMPORARY_PREFIX = ".writing-"
+_NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
 @contextlib.contextmanager
-def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
+def atomic_write(path: Path, mode: str = "wb", *, private: bool = False) -> Iterator[IO[Any]]:
     """Open a temporary file beside `path` that becomes `path` when the block ends without an error.
 
     Parameters
@@ -30,6 +31,8 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
         Its folder is created when missing.
     mode : {"wb", "w"}
         Text is UTF-8.
+    private : bool
+        Whether only the user may read it, from its first byte on: keys and hashes of tokens.
 
     Raises
     ------
@@ -39,13 +42,14 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, suffix=path.suffix, dir=path.parent)
-        temporary = Path(name)
+        new = path.parent / f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{path.suffix}"
+        # The system applies the umask. To ask for it is to change it, for all threads.
+        handle = os.open(new, _NEW_FILE, 0o600 if private else 0o666)
+        temporary = new
         with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8") as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
-        temporary.chmod(0o666 & ~_umask())
         replace_file(temporary, path)
         temporary = None
     except OSError as error:
@@ -62,14 +66,8 @@ def write_problem(path: Path, error: OSError) -> DiskError:
     return DiskError(f"Could not write {path}: {error.strerror or error}. {advice_for(error, path)}")
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def write_json(path: Path, data: Any) -> None:
-    """Write `data` to `path` as indented UTF-8 JSON, atomically.
+def write_json(path: Path, data: Any, *, private: bool = False) -> None:
+    """Write `data` to `path` as indented UTF-8 JSON, atomically; `private` as of `atomic_write`.
 
     Raises
     ------
@@ -78,7 +76,7 @@ def write_json(path: Path, data: Any) -> None:
     DiskError
         When the file cannot be written.
     """
-    with atomic_write(path, "w") as stream:
+    with atomic_write(path, "w", private=private) as stream:
         json.dump(data, stream, indent=1, ensure_ascii=False, allow_nan=False)
 
 

@@ -219,7 +219,8 @@ class JobQueue:
     def _command(self, arguments: Sequence[str]) -> tuple[str, ...]:
         """Return the command line of a job: with `_words`, the only place that knows its form."""
         words = [*self._prefix, *arguments] if self._prefix else [*arguments, "--events"]
-        return (sys.executable, "-m", "engine", *words)
+        # -P: a file in the current folder must not pass for a module of ours.
+        return (sys.executable, "-P", "-m", "engine", *words)
 
     def _step(self) -> None:
         for job in list(self._running.values()):
@@ -248,8 +249,8 @@ class JobQueue:
                     waiting.command, folder, kind=waiting.kind, subject=str(waiting.subject), environment=_environment()
                 )
                 self._running[folder] = self._last[waiting.subject] = job
-            except HeritageError as error:
-                _LOG.error("%s", error)
+            except (HeritageError, ValueError, OSError) as error:
+                _LOG.error("A job could not be started: %s", error)
         # After the start: a server that is killed in between starts no job twice, see `_was_started`.
         waiting.take()
         self._publish(waiting.subject)
@@ -290,14 +291,14 @@ def _project_of(job: Job) -> Path:
 
 def _words(command: Sequence[str]) -> list[str]:
     """Return the engine's command and its arguments, of the command line of a job on this computer or on a cluster."""
-    words = list(command[3:])
+    words = list(command[list(command).index("engine") + 1 :] if "engine" in command else command)
     if words[:1] == ["remote"]:
         return words[words.index("--") + 1 :]
     return [word for word in words if word != "--events"]
 
 
 def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(_ROOT)}
+    return {**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONSAFEPATH": "1"}
 
 
 def _view_of_waiting(waiting: WaitingJob) -> JobView:
