@@ -38,6 +38,7 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
         **summarise_project(queue, project),
         "photos": _photos(project),
         "videos": _videos(project),
+        "removed": [describe_removed(item) for item in project.trash.items()],
         "job": _as_dict(queue.last(project.folder)),
         "waiting": [_as_dict(view) for view in queue.waiting(project.folder)],
         "scene": _scene(project),
