@@ -79,6 +79,8 @@ class JobQueue:
         self._lock = threading.RLock()
         self._waiting: list[WaitingJob] = []
         self._last: dict[Path, Job] = {}
+        self._not_started: dict[Path, JobView] = {}
+        """Jobs that could not be started, until the next job of their project."""
         self._running: dict[Path, Job] = {}
         self._published: dict[tuple[Path, str], str] = {}
         self._stop = threading.Event()
@@ -141,6 +143,8 @@ class JobQueue:
     def last(self, project: Path) -> JobView | None:
         """Return the running job of a project, or else the last one that ended."""
         with self._lock:
+            if project in self._not_started:
+                return self._not_started[project]
             job = self._last.get(project)
             return None if job is None else _view_of_job(job)
 
@@ -249,8 +253,12 @@ class JobQueue:
                     waiting.command, folder, kind=waiting.kind, subject=str(waiting.subject), environment=_environment()
                 )
                 self._running[folder] = self._last[waiting.subject] = job
+                self._not_started.pop(waiting.subject, None)
             except (HeritageError, ValueError, OSError) as error:
                 _LOG.error("A job could not be started: %s", error)
+                sentence = f"The job could not be started: {error}"
+                view = replace(_view_of_waiting(waiting), state="stopped", error=sentence)
+                self._not_started[waiting.subject] = view
         # After the start: a server that is killed in between starts no job twice, see `_was_started`.
         waiting.take()
         self._publish(waiting.subject)
