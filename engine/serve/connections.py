@@ -19,8 +19,10 @@ from .settings import ServeSettings
 
 __all__ = ["BACKLOG", "Connections", "Listener", "Protocol"]
 
-BACKLOG = 100
-"""Connections that are accepted before the event loop goes on, which closes those that were ended meanwhile."""
+BACKLOG = 16
+"""Connections that are accepted in a turn of the event loop. A request is read some turns after its connection was
+accepted; few others are accepted meanwhile, so that it does not have to make room."""
+_QUEUE = 4096
 Peer = tuple[str, int]
 
 
@@ -124,6 +126,14 @@ class Listener(socket.socket):
     """A listening socket that admits connections; an event loop with selectors calls `accept`."""
 
     connections: Connections | None = None
+
+    def listen(self, backlog: int = _QUEUE) -> None:
+        """Listen; the system keeps at least `_QUEUE` connections until they are accepted.
+
+        An event loop gives the number that it accepts at a time. Where the queue is full, the system lets a client wait
+        for seconds.
+        """
+        super().listen(max(backlog, _QUEUE))
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Return the next connection for which there is room; others are closed at once.

@@ -150,7 +150,7 @@ def _listening(settings: ServeSettings) -> Iterator[Listener]:
             raise SettingsError(
                 f"Port {settings.port} cannot be used: {error.strerror}. Choose another --port."
             ) from error
-        listener.listen(settings.max_connections)
+        listener.listen()
         listener.set_inheritable(False)
         yield listener
 
