@@ -85,7 +85,9 @@ class BreakingClient:
         """Upload a photo, whatever breaks."""
         words = {"project": self._project, "filename": "image.jpg", "sha256": hashlib.sha256(content).hexdigest()}
         metadata = ",".join(f"{key} {base64.b64encode(value.encode()).decode()}" for key, value in words.items())
-        answer = self._ask("POST", "/api/v1/uploads/", {"Upload-Length": str(len(content)), "Upload-Metadata": metadata})
+        answer = self._ask(
+            "POST", "/api/v1/uploads/", {"Upload-Length": str(len(content)), "Upload-Metadata": metadata}
+        )
         assert answer.status == 201, answer.status
         location = str(answer.headers["location"])
         while True:
@@ -101,7 +103,8 @@ class BreakingClient:
         if self._random.random() >= BREAKS:
             answer = self._ask("PATCH", location, headers, content[offset:])
             assert answer.status in (204, 409), answer.status
-            return answer.status == 204
+            # A late request of before a break may have ended this one: the answer says how far it came.
+            return answer.status == 204 and int(answer.headers["upload-offset"]) == len(content)
         self.n_breaks += 1
         connection = self._request("PATCH", location, {**headers, "Content-Length": str(len(content) - offset)})
         connection.send(content[offset : offset + self._random.randrange(len(content) - offset + 1)])

@@ -157,7 +157,7 @@ def server_rows() -> list[Row]:
         (f"event at {N_CLIENTS} clients after the engine wrote it, median and 99 %", late, "1 s"),
         (f"CPU of the server with {N_CLIENTS} clients and {rate:.0f} events a second", f"{share:.1%} of a core", "5 %"),
         (
-            f"{found['uploads']:,} photos of 40 clients, all called image.jpg, broken {found['breaks']:,} times: missing",
+            f"{found['uploads']:,} photos of 40 clients, all called image.jpg, {found['breaks']:,} breaks: missing",
             f"{found['missing']} of {found['stored']:,} stored", "0",
         ),
         ("slowest answer to another request meanwhile", f"{found['slowest']:.2f} s", "1 s"),

@@ -32,7 +32,7 @@ _QUIET = {
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
-"""Less of what Dask watches of its own processes, many times a second, which would take more than scheduling does."""
+"""Less of what Dask watches of itself, many times a second, which would take more than scheduling does."""
 
 
 @contextlib.contextmanager

@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "in a container; may be repeated",
     )
     parser.add_argument(
-        "--first-user", metavar="NAME", help="add this user if there is none yet, and print the token once; with --lan, the QR code signs this user in"
+        "--first-user",
+        metavar="NAME",
+        help="add this user if there is none, and print the token once; with --lan, the QR code signs this user in",
     )
     parser.add_argument(
         "--stop-jobs",

@@ -174,7 +174,6 @@ def _chosen(looks: list[_Look], settings: VideoSettings) -> list[int]:
 
 def _frames(video: Path, wanted: set[int] | None, *, step: int = 1) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yield number and pixels (BGR) of the `wanted` frames, or of every `step`-th."""
-    import cv2
 
     if kind_of_file(video) != VIDEO:
         raise PhotoError(f"{video.name} is not a video that can be read. Export it as MP4 (H.264).")

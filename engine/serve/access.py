@@ -19,7 +19,16 @@ from .streams import Streams
 from .transfers import Transfers
 from .unfinished import Uploads
 
-__all__ = ["CLAIM", "CurrentProject", "CurrentUser", "Server", "current_user", "server_of", "session_cookie", "set_session"]
+__all__ = [
+    "CLAIM",
+    "CurrentProject",
+    "CurrentUser",
+    "Server",
+    "current_user",
+    "server_of",
+    "session_cookie",
+    "set_session",
+]
 
 _CSRF_HEADER = "x-csrf-token"
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -96,7 +105,12 @@ def set_session(request: Request, response: Response, user: str) -> str:
     days = server.settings.session_days
     cookie = server.accounts.new_session(user, days)
     response.set_cookie(
-        server.accounts.cookie_name, cookie, max_age=int(days * _DAY), httponly=True, samesite="strict", secure=server.settings.lan
+        server.accounts.cookie_name,
+        cookie,
+        max_age=int(days * _DAY),
+        httponly=True,
+        samesite="strict",
+        secure=server.settings.lan,
     )
     return cookie
 

@@ -49,7 +49,7 @@ class Accounts:
 
     @property
     def cookie_name(self) -> str:
-        """Name of the cookie of a session. Browsers give all servers of a computer the same cookies, whatever their port."""
+        """Name of the cookie of a session. Browsers send a cookie to all servers of a computer, whatever their port."""
         return f"session-{self._signed('cookie name', '')[:8]}"
 
     def add(self, name: str) -> str:

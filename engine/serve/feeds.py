@@ -1,8 +1,8 @@
 """What happens in each project, sent to the browsers that watch it (server-sent events).
 
 Each event is complete in itself, so a browser that was away needs the newest of each kind and nothing older. Numbers
-rise whatever the clock does: they are its nanoseconds, or one more than the last. A browser whose last number is above all
-of this server's comes from a server whose clock was ahead, and gets everything.
+rise whatever the clock does: they are its nanoseconds, or one more than the last. A browser whose last number is above
+all of this server's comes from a server whose clock was ahead, and gets everything.
 """
 
 from __future__ import annotations
@@ -49,10 +49,8 @@ class Feeds:
         for watcher in watchers:
             watcher.wake()
 
-    async def stream(
-        self, project: Path, last_number: int, stop: asyncio.Event | None = None
-    ) -> AsyncIterator[str]:
-        """Yield the events after `last_number` as text of the protocol, and further ones as they happen, until `stop`."""
+    async def stream(self, project: Path, last_number: int, stop: asyncio.Event | None = None) -> AsyncIterator[str]:
+        """Yield the events after `last_number` as text of the protocol, and further ones until `stop`."""
         stop = stop or asyncio.Event()
         watcher = _Watcher()
         with self._lock:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ..errors import DiskError, FormatError, ProjectError
+from ..errors import FormatError, ProjectError
 from ..files import delete_derived, is_inner_name, path_within, read_json, write_json, write_problem
 from ..photos.settings import VIDEO_SUFFIXES
 from .settings import PHOTO_TYPES, ServeSettings

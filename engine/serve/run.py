@@ -41,8 +41,8 @@ def run_server(settings: ServeSettings, emit: Emit, should_stop: StopCheck) -> N
         raise EnvironmentProblem("The page of the server is not built. Run `make serve` once, which builds it.")
     if settings.lan and not Accounts(settings.data).names():
         raise SettingsError(
-            f"Nobody could sign in to {settings.data}. Add a user first: --first-user NAME, added to this command, does it "
-            "and shows the token."
+            f"Nobody could sign in to {settings.data}. Add a user first: --first-user NAME, added to this command, "
+            "does it and shows the token."
         )
     with _only_server(settings), _listening(settings) as listener:
         port = listener.getsockname()[1]

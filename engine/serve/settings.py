@@ -66,8 +66,8 @@ class ServeSettings:
     min_free_bytes : int
         Free disk space below which nothing is accepted.
     read_seconds : float
-        Longest pause of a client that sends a request or gets an answer, and the time in which a request that is no upload
-        must have arrived.
+        Longest pause of a client that sends a request or gets an answer, and the time in which a request that is no
+        upload must have arrived.
     header_seconds : float
         Time in which a new connection must have sent the head of a request, and in which the next one must follow.
     min_upload_rate : float

@@ -62,9 +62,7 @@ class Streams:
         content = self._counted(project, user, last_number, browser)
         return StreamingResponse(content, media_type="text/event-stream", headers=headers)
 
-    async def _counted(
-        self, project: WebProject, user: str, last_number: int, browser: str
-    ) -> AsyncIterator[str]:
+    async def _counted(self, project: WebProject, user: str, last_number: int, browser: str) -> AsyncIterator[str]:
         displaced = asyncio.Event()
         key = (user, browser)
         others = self._of_browser.setdefault(key, OrderedDict()) if browser else OrderedDict()

@@ -13,8 +13,7 @@ from .unfinished import Upload
 __all__ = ["Transfers"]
 
 _WRITERS, _CHECKERS = 4, 1
-"""Threads that write parts, and that check complete files: decoding a photo takes memory. They are not those that answer
-other requests."""
+"""Threads that write parts, and that check complete files: decoding a photo takes memory. Others answer requests."""
 
 
 class Transfers:

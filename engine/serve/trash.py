@@ -110,7 +110,9 @@ class Trash:
             return
         for entry in list(os.scandir(self._folder)):
             # The holder is made when the item is removed.
-            if is_inner_name(entry.name) and (not older_than_days or entry.stat(follow_symlinks=False).st_mtime < oldest):
+            if is_inner_name(entry.name) and (
+                not older_than_days or entry.stat(follow_symlinks=False).st_mtime < oldest
+            ):
                 self._delete(entry.name)
 
     def used_bytes(self) -> int:
@@ -126,6 +128,4 @@ class Trash:
 def _size_of(path: Path) -> int:
     if not path.is_dir() or path.is_symlink():
         return path.lstat().st_size
-    return sum(
-        os.lstat(os.path.join(folder, name)).st_size for folder, _, names in os.walk(path) for name in names
-    )
+    return sum(os.lstat(os.path.join(folder, name)).st_size for folder, _, names in os.walk(path) for name in names)

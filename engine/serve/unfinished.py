@@ -139,7 +139,15 @@ class Uploads:
                 self._open[upload.id] = upload
 
     def begin(
-        self, user: str, folder: Path, *, project: str, filename: str, size: int, sha256: str, used_bytes: Callable[[], int]
+        self,
+        user: str,
+        folder: Path,
+        *,
+        project: str,
+        filename: str,
+        size: int,
+        sha256: str,
+        used_bytes: Callable[[], int],
     ) -> Upload:
         """Begin an upload.
 
@@ -169,8 +177,8 @@ class Uploads:
             if used_bytes() + sum(one.size for one in own) + size > self._settings.max_user_bytes:
                 share = self._settings.max_user_bytes / 1e9
                 raise DiskError(
-                    f"Your photos would take more than your {share:,.2g} GB, unfinished uploads and the trash included. "
-                    "Delete projects that are finished, and empty the trash."
+                    f"Your photos would take more than your {share:,.2g} GB, unfinished uploads and the trash included."
+                    " Delete projects that are finished, and empty the trash."
                 )
             missing = sum(one.size - one.offset for one in unfinished)
             folder.mkdir(parents=True, exist_ok=True)

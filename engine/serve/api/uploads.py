@@ -123,9 +123,7 @@ async def end_upload(uuid: str, request: Request, user: CurrentUser) -> Response
     return Response(status_code=204)
 
 
-async def _receive(
-    server: Server, upload: Upload, offset: int, request: Request, wanted: asyncio.Future[None]
-) -> None:
+async def _receive(server: Server, upload: Upload, offset: int, request: Request, wanted: asyncio.Future[None]) -> None:
     """Append the body of a request until it ends, breaks off, or another request wants to continue the upload.
 
     Raises

@@ -53,7 +53,9 @@ async def read_view(
     photo: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = 1600
 ) -> FileResponse:
     """Return the photo that clicks refer to, upright, with its lens distortion."""
-    small = await server_of(request).work.small_photo(await run_in_threadpool(project.photo, photo), project.cache, side)
+    small = await server_of(request).work.small_photo(
+        await run_in_threadpool(project.photo, photo), project.cache, side
+    )
     return FileResponse(small, media_type="image/jpeg")
 
 

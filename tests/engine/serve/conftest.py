@@ -175,8 +175,9 @@ def start(page: Path, tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess
 
     def begin(*options: str, quick: bool = False) -> tuple[subprocess.Popen[str], str]:
         words = ["serve", "--events", f"--data={tmp_path / 'data'}", "--port=0", *options]
+        program = (QUICK if quick else "") + PROGRAM
         process = subprocess.Popen(
-            [sys.executable, "-c", (QUICK if quick else "") + PROGRAM, str(page), *words], cwd=ROOT, stdout=subprocess.PIPE, text=True,
+            [sys.executable, "-c", program, str(page), *words], cwd=ROOT, stdout=subprocess.PIPE, text=True,
             start_new_session=True,
         )  # fmt: skip
         running.append(process)

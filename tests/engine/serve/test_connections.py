@@ -31,7 +31,10 @@ class Browser:
         self.place = (host, int(port))
         self.headers: dict[str, str] = {}
         answer, body = self.ask("GET", f"{API}/session")
-        self.headers = {"Cookie": answer.headers["set-cookie"].partition(";")[0], "X-CSRF-Token": json.loads(body)["csrf"]}
+        self.headers = {
+            "Cookie": answer.headers["set-cookie"].partition(";")[0],
+            "X-CSRF-Token": json.loads(body)["csrf"],
+        }
 
     def ask(self, method: str, path: str, body: bytes | None = None, **headers: str) -> tuple[Any, bytes]:
         connection = http.client.HTTPConnection(*self.place, timeout=SECONDS)
@@ -147,5 +150,3 @@ def test_room_is_made_by_whoever_has_the_most_connections_without_a_request(tmp_
         assert connections.admit(late)
 
     asyncio.run(admit())
-
-

@@ -76,7 +76,9 @@ def test_upload_continues_after_a_restart_of_the_server(make_client: Callable[..
     assert (second.folder(project) / "photos" / "vase.jpg").read_bytes() == content
 
 
-def test_server_that_ended_before_the_check_takes_the_photo_when_it_is_asked(make_client: Callable[..., Client]) -> None:
+def test_server_that_ended_before_the_check_takes_the_photo_when_it_is_asked(
+    make_client: Callable[..., Client],
+) -> None:
     first, content = make_client(), jpeg()
     project = first.new_project()
     location = first.begin(project, "vase.jpg", len(content)).headers["location"]
