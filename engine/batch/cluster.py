@@ -100,8 +100,8 @@ def _own_security() -> Security:
         return Security.temporary()
     except ImportError as error:
         raise EnvironmentProblem(
-            "The package cryptography is missing, without which other users of this computer could run programs through "
-            "the batch. Install requirements/batch.txt with pip."
+            "The package cryptography is missing, without which other users of this computer could run programs. "
+            "Install requirements/batch.txt with pip."
         ) from error
 
 

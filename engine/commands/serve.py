@@ -75,7 +75,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
 
     settings = ServeSettings(
         data=options.data.absolute(), port=options.port, lan=options.lan, names=tuple(options.name),
-        first_user=options.first_user or "", stop_jobs=options.stop_jobs, scheduler=options.scheduler, device=options.device,
+        first_user=options.first_user or "", stop_jobs=options.stop_jobs, scheduler=options.scheduler,
+        device=options.device,
     )  # fmt: skip
     if options.check:
         check_server(settings)

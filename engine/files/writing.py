@@ -18,7 +18,6 @@ from ..system import advice_for, delete_file, replace_file
 __all__ = ["TEMPORARY_PREFIX", "atomic_write", "file_sha256", "finite_or_null", "write_json", "write_problem"]
 
 TEMPORARY_PREFIX = ".writing-"
-_NEW_FILE = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
 
 
 @contextlib.contextmanager
@@ -44,9 +43,9 @@ def atomic_write(path: Path, mode: str = "wb", *, private: bool = False) -> Iter
         path.parent.mkdir(parents=True, exist_ok=True)
         new = path.parent / f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{path.suffix}"
         # The system applies the umask. To ask for it is to change it, for all threads.
-        handle = os.open(new, _NEW_FILE, 0o600 if private else 0o666)
-        temporary = new
-        with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8") as stream:
+        opener = _open_private if private else None
+        with open(new, mode.replace("w", "x"), encoding=None if "b" in mode else "utf-8", opener=opener) as stream:
+            temporary = new
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
@@ -59,6 +58,10 @@ def atomic_write(path: Path, mode: str = "wb", *, private: bool = False) -> Iter
             # What cannot be deleted now is deleted by the next run in this project.
             with contextlib.suppress(OSError):
                 delete_file(temporary)
+
+
+def _open_private(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
 
 
 def write_problem(path: Path, error: OSError) -> DiskError:

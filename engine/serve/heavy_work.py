@@ -64,4 +64,6 @@ class HeavyWork:
     async def small_photo(self, photo: Path, cache: Path, side: int) -> Path:
         """Return `engine.serve.small_photos.small_photo`."""
         kept = await to_thread.run_sync(kept_small_photo, photo, cache, side)
-        return kept or await to_thread.run_sync(small_photo, photo, cache, side, limiter=self._pictures)
+        if kept is not None:
+            return kept
+        return await to_thread.run_sync(small_photo, photo, cache, side, limiter=self._pictures)
