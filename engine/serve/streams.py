@@ -39,7 +39,7 @@ class Streams:
         self._of_user: Counter[str] = Counter()
         self._of_browser: dict[tuple[str, str], OrderedDict[asyncio.Event, None]] = {}
 
-    def open(self, project: WebProject, user: str, last_event_id: str, browser: str = "") -> StreamingResponse:
+    def begin(self, project: WebProject, user: str, last_event_id: str, browser: str = "") -> StreamingResponse:
         """Return a stream of the events of `project` after `last_event_id`.
 
         Parameters

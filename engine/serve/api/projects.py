@@ -68,7 +68,7 @@ async def stream_events(
 
     ``browser`` is the browser's name for itself: of its streams, only the newest few stay open.
     """
-    return server_of(request).streams.open(project, user, request.headers.get("last-event-id", ""), browser)
+    return server_of(request).streams.begin(project, user, request.headers.get("last-event-id", ""), browser)
 
 
 @router.get("/{project_id}/report")

@@ -122,7 +122,7 @@ def test_streams_of_a_browser_leave_connections_for_other_requests(tmp_path: Pat
     async def open_many() -> tuple[list[list[str]], int]:
         project = WebProject(tmp_path / "users" / "ada" / "projects" / ("0" * 12))
         streams = Streams(ServeSettings(tmp_path, max_browser_streams=3), Feeds())
-        bodies = [streams.open(project, "ada", "", browser).body_iterator for browser in ("b", "b", "b", "b", "other")]
+        bodies = [streams.begin(project, "ada", "", browser).body_iterator for browser in ("b", "b", "b", "b", "other")]
         seen = [[str(await anext(body))] for body in bodies]  # type: ignore[call-overload]
         # The first has made room for the fourth.
         seen[0] += [str(text) async for text in bodies[0]]
