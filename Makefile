@@ -132,8 +132,8 @@ window-test: setup dist/gaussian_heritage_offline.zip ## the way of a curator in
 page: setup ## build the web page of the server; again: nothing to do
 	$(ENGINE) scripts/build_page.py
 
-serve: page ## the web page: upload photos from a browser; DATA=folder, LAN=1 for phones in the same network
-	$(ENGINE) -m engine serve --data $(or $(DATA),out/server) $(if $(LAN),--lan)
+serve: page ## the web page: upload photos from a browser; DATA=folder; LAN=1: phones in the same network, signed in by a QR code
+	$(ENGINE) -m engine serve --data $(or $(DATA),out/server) $(if $(LAN),--lan --first-user curator)
 
 container-test: ## build the container image and use it; needs root, buildah, debootstrap and 12 GB; 10 minutes
 	$(ENGINE) scripts/container_test.py --doc docs/container.md

@@ -81,6 +81,8 @@ def engine_environment(environ: Mapping[str, str], root: Path) -> dict[str, str]
     return {
         **with_utf8(kept),
         "PYTHONPATH": str(root),
+        # A file in the current folder must not pass for a module of ours.
+        "PYTHONSAFEPATH": "1",
         "PYTHONUNBUFFERED": "1",
         "PYTHONDONTWRITEBYTECODE": "1",
     }

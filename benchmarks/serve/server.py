@@ -17,6 +17,8 @@ from typing import Any
 import httpx
 import numpy as np
 
+from .breaking import measure_breaking, measure_silence
+
 __all__ = ["Row", "server_rows"]
 
 Row = tuple[str, str, str]
@@ -141,6 +143,9 @@ def server_rows() -> list[Row]:
         project = server.http.post("/projects", json={"title": "Room"}).json()["id"]
         speed, memory = measure_upload(server, project)
         delays, share = measure_events(server, project, Path(name))
+        silence, n_silent = measure_silence(server)
+        broken = server.http.post("/projects", json={"title": "Broken"}).json()["id"]
+        found = measure_breaking(server, broken, Path(name))
         server.stop()
     size, part = UPLOAD_BYTES >> 20, CHUNK >> 20
     late = f"{np.median(delays):.2f} s, {np.quantile(delays, 0.99):.2f} s"
@@ -151,4 +156,11 @@ def server_rows() -> list[Row]:
         ("memory of the server meanwhile, at most", f"{memory / 1e6:.0f} MB", "200 MB"),
         (f"event at {N_CLIENTS} clients after the engine wrote it, median and 99 %", late, "1 s"),
         (f"CPU of the server with {N_CLIENTS} clients and {rate:.0f} events a second", f"{share:.1%} of a core", "5 %"),
-    ]
+        (
+            f"{found['uploads']:,} photos of 40 clients, all called image.jpg, {found['breaks']:,} breaks: missing",
+            f"{found['missing']} of {found['stored']:,} stored", "0",
+        ),
+        ("slowest answer to another request meanwhile", f"{found['slowest']:.2f} s", "1 s"),
+        ("memory of the server meanwhile, at most", f"{found['memory'] / 1e6:.0f} MB", "200 MB"),
+        (f"slowest answer to others with {n_silent:,} silent connections", f"{silence:.2f} s", "1 s"),
+    ]  # fmt: skip

@@ -7,7 +7,8 @@ import logging
 from collections.abc import Iterator
 
 import dask
-from distributed import Client, Nanny, Scheduler, SpecCluster
+from distributed import Client, Nanny, Scheduler, SpecCluster, Worker
+from distributed.security import Security
 
 from ..errors import EnvironmentProblem
 from ..system import describe_machine, usable_cores
@@ -27,8 +28,11 @@ _QUIET = {
     "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "30s",
     "distributed.worker.profile.enabled": False,
+    # No modules that answer over HTTP.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
 }
-"""What Dask watches of its own processes, many times a second, which would take more than scheduling does."""
+"""Less of what Dask watches of itself, many times a second, which would take more than scheduling does."""
 
 
 @contextlib.contextmanager
@@ -47,14 +51,16 @@ def connected_client(settings: BatchSettings) -> Iterator[Client]:
     # Dask logs what it repairs; the summary says what was repaired here.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
-        address = settings.scheduler
+        address, security = settings.scheduler, None
         if not address:
             dask.config.set(_QUIET)
-            address = stack.enter_context(_local_cluster(settings)).scheduler_address
+            security = _own_security()
+            address = stack.enter_context(_local_cluster(settings, security)).scheduler_address
         try:
             client = Client(
-                address, timeout=settings.scheduler_wait if settings.scheduler else 60, set_as_default=False
-            )
+                address, timeout=settings.scheduler_wait if settings.scheduler else 60, set_as_default=False,
+                security=security,
+            )  # fmt: skip
         except (OSError, TimeoutError, ValueError) as error:
             raise EnvironmentProblem(
                 f"The scheduler at {address} does not answer ({type(error).__name__}). Check its address, and whether "
@@ -63,7 +69,43 @@ def connected_client(settings: BatchSettings) -> Iterator[Client]:
         yield stack.enter_context(client)
 
 
-def _local_cluster(settings: BatchSettings) -> SpecCluster:
+class _WithoutHttp:
+    """A part of a cluster that answers no browser.
+
+    Dask starts a server for its state and its dashboard even with ``dashboard=False``, and anybody on this computer
+    reaches it.
+    """
+
+    def start_http_server(self, *args: object, **kwargs: object) -> None:
+        """Start nothing."""
+
+
+class LocalScheduler(_WithoutHttp, Scheduler):  # type: ignore[misc]
+    """The scheduler of a cluster on this computer."""
+
+
+class LocalWorker(_WithoutHttp, Worker):  # type: ignore[misc]
+    """A worker of a cluster on this computer."""
+
+
+def _own_security() -> Security:
+    """Return a key and a certificate that only this batch has: whoever reaches a scheduler can run code as its owner.
+
+    Raises
+    ------
+    EnvironmentProblem
+        When the package for it is missing.
+    """
+    try:
+        return Security.temporary()
+    except ImportError as error:
+        raise EnvironmentProblem(
+            "The package cryptography is missing, without which other users of this computer could run programs. "
+            "Install requirements/batch.txt with pip."
+        ) from error
+
+
+def _local_cluster(settings: BatchSettings, security: Security) -> SpecCluster:
     machine = describe_machine()
     cores = list(usable_cores())
     free = machine.free_bytes or _ONE_WORKER_BYTES
@@ -78,16 +120,19 @@ def _local_cluster(settings: BatchSettings) -> SpecCluster:
             "options": {
                 "nthreads": 1,
                 "host": "127.0.0.1",
+                "protocol": "tls://",
+                "security": security,
+                "worker_class": LocalWorker,
                 # The engine is another process: this is no limit for it.
                 "memory_limit": 0,
                 "resources": {MEMORY: free // n, GPU: 1 if number == 0 and settings.gpu_stages else 0},
                 "env": {CORES_VARIABLE: ",".join(map(str, own))},
                 "silence_logs": logging.CRITICAL,
-                "dashboard": False,
             },
         }
-    scheduler = {"cls": Scheduler, "options": {"host": "127.0.0.1", "port": 0, "dashboard": False}}
-    return SpecCluster(workers=workers, scheduler=scheduler, silence_logs=logging.CRITICAL)
+    options = {"host": "127.0.0.1", "port": 0, "protocol": "tls://", "security": security, "dashboard": False}
+    scheduler = {"cls": LocalScheduler, "options": options}
+    return SpecCluster(workers=workers, scheduler=scheduler, security=security, silence_logs=logging.CRITICAL)
 
 
 def worker_resources(client: Client) -> dict[str, dict[str, float]]:

@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "in a container; may be repeated",
     )
     parser.add_argument(
-        "--first-user", metavar="NAME", help="add this user if there is none yet, and print the token once"
+        "--first-user",
+        metavar="NAME",
+        help="add this user if there is none, and print the token once; with --lan, the QR code signs this user in",
     )
     parser.add_argument(
         "--stop-jobs",
@@ -73,7 +75,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
 
     settings = ServeSettings(
         data=options.data.absolute(), port=options.port, lan=options.lan, names=tuple(options.name),
-        stop_jobs=options.stop_jobs, scheduler=options.scheduler, device=options.device,
+        first_user=options.first_user or "", stop_jobs=options.stop_jobs, scheduler=options.scheduler,
+        device=options.device,
     )  # fmt: skip
     if options.check:
         check_server(settings)

@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -21,7 +21,7 @@ TEMPORARY_PREFIX = ".writing-"
 
 
 @contextlib.contextmanager
-def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
+def atomic_write(path: Path, mode: str = "wb", *, private: bool = False) -> Iterator[IO[Any]]:
     """Open a temporary file beside `path` that becomes `path` when the block ends without an error.
 
     Parameters
@@ -30,6 +30,8 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
         Its folder is created when missing.
     mode : {"wb", "w"}
         Text is UTF-8.
+    private : bool
+        Whether only the user may read it, from its first byte on: keys and hashes of tokens.
 
     Raises
     ------
@@ -39,13 +41,14 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, suffix=path.suffix, dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8") as stream:
+        new = path.parent / f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{path.suffix}"
+        # The system applies the umask. To ask for it is to change it, for all threads.
+        opener = _open_private if private else None
+        with open(new, mode.replace("w", "x"), encoding=None if "b" in mode else "utf-8", opener=opener) as stream:
+            temporary = new
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
-        temporary.chmod(0o666 & ~_umask())
         replace_file(temporary, path)
         temporary = None
     except OSError as error:
@@ -57,19 +60,17 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
                 delete_file(temporary)
 
 
+def _open_private(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
+
+
 def write_problem(path: Path, error: OSError) -> DiskError:
     """Return the error to raise when `path` could not be written: with the reason, and what to do about it."""
     return DiskError(f"Could not write {path}: {error.strerror or error}. {advice_for(error, path)}")
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def write_json(path: Path, data: Any) -> None:
-    """Write `data` to `path` as indented UTF-8 JSON, atomically.
+def write_json(path: Path, data: Any, *, private: bool = False) -> None:
+    """Write `data` to `path` as indented UTF-8 JSON, atomically; `private` as of `atomic_write`.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def write_json(path: Path, data: Any) -> None:
     DiskError
         When the file cannot be written.
     """
-    with atomic_write(path, "w") as stream:
+    with atomic_write(path, "w", private=private) as stream:
         json.dump(data, stream, indent=1, ensure_ascii=False, allow_nan=False)
 
 

@@ -334,7 +334,7 @@ def _fetch_models(run: _Run) -> None:
     try:
         run_logged(
             command, run.environment.log, "the model files could not be fetched", on_line=read,
-            should_stop=run.should_stop, variables={"PYTHONPATH": root},
+            should_stop=run.should_stop, variables={"PYTHONPATH": root, "PYTHONSAFEPATH": "1"},
         )  # fmt: skip
     except EnvironmentProblem as error:
         raise EnvironmentProblem(problem) if problem else error from error

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from ..files import atomic_write, delete_derived, file_sha256, path_within, read
 from .kinds import VIDEO, kind_of_file
 from .settings import VIDEO_SUFFIXES, VideoSettings
 
+if TYPE_CHECKING:
+    from cv2 import VideoCapture
+
 __all__ = ["extract_frames", "is_video"]
 
 STAGE = "frames"
@@ -24,6 +28,8 @@ _SCHEMA = {"made_from": str, "settings": dict, "files": [str], "complete": bool}
 _FLOW_SIDE = 160  # by definition: motion is a share of the width, and a coarse picture shows it
 _SHARPNESS_SIDE = 640  # by definition: as photos are trained, so blur below a pixel of it does not matter
 _QUALITY = 95
+_OPTIONS_VARIABLE = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+_OPTIONS = "format_whitelist;mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,asf|protocol_whitelist;file"
 _SHARE_OF_LOOKING = 0.7
 """Share of the time that the first pass takes, for the progress."""
 
@@ -168,9 +174,10 @@ def _chosen(looks: list[_Look], settings: VideoSettings) -> list[int]:
 
 def _frames(video: Path, wanted: set[int] | None, *, step: int = 1) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yield number and pixels (BGR) of the `wanted` frames, or of every `step`-th."""
-    import cv2
 
-    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    if kind_of_file(video) != VIDEO:
+        raise PhotoError(f"{video.name} is not a video that can be read. Export it as MP4 (H.264).")
+    capture = _opened(video)
     try:
         if not capture.isOpened():
             raise PhotoError(f"{video.name} is not a video that can be read. Export it as MP4 (H.264).")
@@ -187,11 +194,29 @@ def _frames(video: Path, wanted: set[int] | None, *, step: int = 1) -> Iterator[
         capture.release()
 
 
+def _opened(video: Path) -> VideoCapture:
+    """Open a video as one of the formats that hold their pictures themselves.
+
+    FFmpeg also reads lists of other files and addresses, whatever the name of the list.
+    """
+    import cv2
+
+    before = os.environ.get(_OPTIONS_VARIABLE)
+    os.environ[_OPTIONS_VARIABLE] = _OPTIONS
+    try:
+        return cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    finally:
+        if before is None:
+            del os.environ[_OPTIONS_VARIABLE]
+        else:
+            os.environ[_OPTIONS_VARIABLE] = before
+
+
 def _length(video: Path) -> tuple[int, float]:
     """Return number of frames and frames per second as the file states them; 0 and 30 where it does not."""
     import cv2
 
-    capture = cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
+    capture = _opened(video)
     try:
         n_frames, per_second = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
     finally:

@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 import hmac
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Request, Response
 
 from .accounts import LOCAL_USER, Accounts
+from .connections import Connections
 from .feeds import Feeds
+from .heavy_work import HeavyWork
 from .job_queue import JobQueue
 from .library import Library, WebProject
 from .settings import ServeSettings
+from .streams import Streams
+from .transfers import Transfers
+from .unfinished import Uploads
 
-__all__ = ["COOKIE", "CurrentProject", "CurrentUser", "Server", "current_user", "server_of", "set_session"]
+__all__ = [
+    "CLAIM",
+    "CurrentProject",
+    "CurrentUser",
+    "Server",
+    "current_user",
+    "server_of",
+    "session_cookie",
+    "set_session",
+]
 
-COOKIE = "session"
 _CSRF_HEADER = "x-csrf-token"
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _DAY = 86400
+CLAIM = "claim of user"
+"""Key of the function in the scope of a request that counts the request for its user."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +45,11 @@ class Server:
     accounts: Accounts
     queue: JobQueue
     feeds: Feeds
+    uploads: Uploads
+    connections: Connections
+    work: HeavyWork
+    streams: Streams
+    transfers: Transfers = field(default_factory=Transfers)
 
     def library(self, user: str) -> Library:
         """Return the projects of a user."""
@@ -44,12 +64,25 @@ def server_of(request: Request) -> Server:
 
 def session_user(request: Request) -> str | None:
     """Return the user of the cookie, or None."""
-    cookie = request.cookies.get(COOKIE)
-    return None if cookie is None else server_of(request).accounts.user_of_session(cookie)
+    cookie = session_cookie(request)
+    return server_of(request).accounts.user_of_session(cookie) if cookie else None
+
+
+def session_cookie(request: Request) -> str:
+    """Return the cookie of this server, or an empty text."""
+    return request.cookies.get(server_of(request).accounts.cookie_name, "")
 
 
 def current_user(request: Request) -> str:
     """Return the user that sends `request`, by a cookie or by ``Authorization: Bearer TOKEN``."""
+    user = _sender(request)
+    claim = request.scope.get(CLAIM)
+    if claim is not None and not claim(user):
+        raise HTTPException(429, "Too many requests are being answered for you. Wait until some have ended.")
+    return user
+
+
+def _sender(request: Request) -> str:
     accounts = server_of(request).accounts
     scheme, _, token = request.headers.get("authorization", "").partition(" ")
     user = accounts.user_of_token(token.strip()) if scheme.lower() == "bearer" else None
@@ -60,7 +93,7 @@ def current_user(request: Request) -> str:
         raise HTTPException(401, "Sign in first.")
     if request.method not in _SAFE_METHODS:
         # A page of another site can send our cookie, but cannot read what `csrf_token` returns.
-        expected = accounts.csrf_token(request.cookies[COOKIE])
+        expected = accounts.csrf_token(session_cookie(request))
         if not hmac.compare_digest(request.headers.get(_CSRF_HEADER, "").encode(), expected.encode()):
             raise HTTPException(403, "The page is out of date. Load it again.")
     return user
@@ -72,7 +105,12 @@ def set_session(request: Request, response: Response, user: str) -> str:
     days = server.settings.session_days
     cookie = server.accounts.new_session(user, days)
     response.set_cookie(
-        COOKIE, cookie, max_age=int(days * _DAY), httponly=True, samesite="strict", secure=server.settings.lan
+        server.accounts.cookie_name,
+        cookie,
+        max_age=int(days * _DAY),
+        httponly=True,
+        samesite="strict",
+        secure=server.settings.lan,
     )
     return cookie
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import errno
 import logging
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -18,15 +19,19 @@ from starlette.exceptions import HTTPException
 
 from .. import __version__
 from ..errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError, PromptError, SettingsError
-from ..files import delete_derived
 from .access import Server
 from .accounts import Accounts
 from .api import api_router
+from .connections import Connections
 from .feeds import Feeds
 from .guards import RequestLimits, SecurityHeaders
+from .heavy_work import HeavyWork
 from .job_queue import JobQueue
 from .library import NotFound
 from .settings import ServeSettings
+from .streams import Streams
+from .tidying import tidy_up
+from .unfinished import TooManyUploads, Uploads
 
 __all__ = ["PAGE", "create_app"]
 
@@ -35,6 +40,7 @@ PAGE = Path(__file__).with_name("page") / "dist"
 """The built page."""
 _STATUS: tuple[tuple[type[HeritageError], int], ...] = (
     (NotFound, 404),
+    (TooManyUploads, 429),
     (DiskError, 507),
     (ProjectError, 409),
     (PromptError, 422),
@@ -43,7 +49,7 @@ _STATUS: tuple[tuple[type[HeritageError], int], ...] = (
     (FormatError, 415),
 )
 """HTTP status of each kind of error; the first that fits. Others are 500."""
-_DAY = 86400
+_FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
 
 def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> FastAPI:
@@ -64,13 +70,20 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
         Accounts(settings.data),
         JobQueue(settings.data, feeds, stop_jobs=settings.stop_jobs, scheduler=settings.scheduler),
         feeds,
+        Uploads(settings),
+        Connections(settings),
+        HeavyWork(settings.max_user_exports),
+        Streams(settings, feeds),
     )
 
     @contextlib.asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        _delete_old_uploads(settings)
+        server.uploads.load()
+        await tidy_up(server)
         server.queue.start()
+        tidying = asyncio.create_task(_tidy_up_again(server))
         yield
+        tidying.cancel()
         server.queue.stop()
 
     app = FastAPI(
@@ -83,24 +96,27 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
         redoc_url=None,
     )
     app.state.server = server
-    app.include_router(api_router(settings))
+    app.include_router(api_router())
     app.mount("/", StaticFiles(directory=page, html=True))
     app.add_exception_handler(HeritageError, _heritage_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
     app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(OSError, _system_error)
     app.add_exception_handler(Exception, _unexpected_error)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
-    app.add_middleware(RequestLimits, settings=settings)
+    app.add_middleware(RequestLimits, settings=settings, connections=server.connections)
     app.add_middleware(SecurityHeaders, settings=settings)
     return app
 
 
-def _delete_old_uploads(settings: ServeSettings) -> None:
-    """Delete what was begun to be uploaded and was not continued."""
-    oldest = time.time() - settings.upload_days * _DAY
-    for file in settings.data.glob("users/*/uploads/*"):
-        if file.lstat().st_mtime < oldest:
-            delete_derived(file.parent, file.name)
+async def _tidy_up_again(server: Server) -> None:
+    while True:
+        await asyncio.sleep(server.settings.tidy_seconds)
+        try:
+            await tidy_up(server)
+        except Exception:
+            # What cannot be deleted now is tried again; the log has the error.
+            _LOG.exception("old files could not be deleted")
 
 
 async def _heritage_error(request: Request, error: Exception) -> JSONResponse:
@@ -120,6 +136,12 @@ async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     first: dict[str, Any] = dict(error.errors()[0])
     place = ".".join(str(part) for part in first["loc"] if part not in ("body", "query", "path", "header"))
     return _sentence(422, f"{place or 'The request'}: {first['msg']}.")
+
+
+async def _system_error(request: Request, error: Exception) -> JSONResponse:
+    if isinstance(error, OSError) and error.errno in _FULL:
+        return _sentence(507, "The disk of the server is full. Ask its owner to make space, then try again.")
+    return await _unexpected_error(request, error)
 
 
 async def _unexpected_error(request: Request, error: Exception) -> JSONResponse:

@@ -67,13 +67,12 @@ def _write(certificate: Path, key: Path, hosts: Sequence[str]) -> None:
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .sign(private, hashes.SHA256())
     )
-    with atomic_write(key) as stream:
+    with atomic_write(key, private=True) as stream:
         stream.write(
             private.private_bytes(
                 serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
             )
         )
-    key.chmod(0o600)
     with atomic_write(certificate) as stream:
         stream.write(made.public_bytes(serialization.Encoding.PEM))
 

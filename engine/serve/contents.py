@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from ..errors import HeritageError
@@ -13,8 +14,9 @@ from ..records import load_record
 from ..refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
 from .library import WebProject
+from .trash import TrashItem
 
-__all__ = ["describe_object", "describe_project", "has_scene", "summarise_project"]
+__all__ = ["describe_object", "describe_project", "describe_removed", "has_scene", "summarise_project"]
 
 
 def summarise_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
@@ -25,7 +27,7 @@ def summarise_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
         "title": project.title,
         "created": project.created,
         "n_photos": n_photos,
-        "state": _state(queue, project, n_photos),
+        "state": "damaged" if project.is_damaged else _state(queue, project, n_photos),
     }
 
 
@@ -35,6 +37,8 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
     return {
         **summarise_project(queue, project),
         "photos": _photos(project),
+        "videos": _videos(project),
+        "removed": [describe_removed(item) for item in project.trash.items()],
         "job": _as_dict(queue.last(project.folder)),
         "waiting": [_as_dict(view) for view in queue.waiting(project.folder)],
         "scene": _scene(project),
@@ -57,6 +61,11 @@ def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
     record = asdict(load_record(project.project, item.id))
     shown = {name: getattr(item, name) for name in ("id", "name", "prompt", "score", "kind", "n_gaussians")}
     return {**shown, **record}
+
+
+def describe_removed(item: TrashItem) -> dict[str, Any]:
+    """Return what the trash shows of a photo, a video or a project."""
+    return {"id": item.id, "name": item.name, "bytes": item.n_bytes}
 
 
 def has_scene(project: WebProject) -> bool:
@@ -96,15 +105,30 @@ def _photos(project: WebProject) -> list[dict[str, Any]]:
             refuted = _health(cameras).get("refuted", ())
             rejected.update(dict.fromkeys(map(str, refuted), "The other photos refute its camera position."))
         used = set(project.photo_names()) - set(rejected)
+    names = project.photo_names()
+    sizes = {name: _size(project.photos / name) for name in names}
     return [
         {
             "name": name,
-            "bytes": project.photo(name).stat().st_size,
+            "bytes": sizes[name],
             "accepted": False if name in rejected else True if name in used else None,
             "reason": rejected.get(name, ""),
         }
-        for name in project.photo_names()
+        for name in names
     ]
+
+
+def _videos(project: WebProject) -> list[dict[str, Any]]:
+    """Return the videos that photos are taken from; also those that could not be read, so that they can be removed."""
+    return [{"name": name, "bytes": _size(project.videos / name)} for name in project.video_names()]
+
+
+def _size(file: Path) -> int:
+    """Return the size of a file; 0 where it was removed meanwhile."""
+    try:
+        return file.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 def _scene(project: WebProject) -> dict[str, Any] | None:

@@ -7,7 +7,6 @@ import os
 import re
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 from fastapi.responses import FileResponse
@@ -17,9 +16,10 @@ from ..events import ErrorEvent, from_json_line
 from ..files import delete_derived, object_file
 from ..project_content import report_file, scene_file
 from ..records import MUSEUM_RECORD_FILE, RECORD_FILE
+from ..visible_text import visible
 from .library import NotFound, WebProject
 
-__all__ = ["MEDIA_TYPES", "download_name", "exported_file", "report_response"]
+__all__ = ["MEDIA_TYPES", "download_name", "export", "export_path", "report_response"]
 
 MEDIA_TYPES = {
     "ply": "application/octet-stream",
@@ -31,19 +31,17 @@ _ROOT = Path(__file__).resolve().parents[2]
 _MAX_SECONDS = 600
 _UNSAFE = re.compile(r"[^\w.() -]+")
 _MAX_NAME = 100
-_one_export = threading.Lock()
-"""One at a time: an export of a large scene takes much memory."""
 
 
-def exported_file(project: WebProject, object_id: str | None, file_format: str, frame: str = "upright") -> Path:
-    """Return the scene (None) or an object as a file; it is written unless it was since its last change.
+def export_path(project: WebProject, object_id: str | None, file_format: str, frame: str = "upright") -> Path:
+    """Return where the export of the scene (None) or of an object is kept; another place after each change.
 
     With the frame ``world``, that of the cameras, the file is for the viewer and holds far Gaussians, too.
 
     Raises
     ------
-    HeritageError
-        When there is no such object, or it cannot be exported.
+    NotFound
+        When there is no such object.
     """
     sources = [scene_file(project.project)]
     if object_id is not None:
@@ -54,23 +52,37 @@ def exported_file(project: WebProject, object_id: str | None, file_format: str, 
             raise NotFound("There is no such object.")
     changed = [file.stat().st_mtime_ns for file in sources if file.is_file()]
     key = hashlib.sha256(repr((object_id, file_format, frame, project.title, changed)).encode()).hexdigest()[:16]
-    what = "scene" if object_id is None else f"object-{object_id}"
-    file = project.cache / f"{what}-{frame}-{key}.{file_format}"
-    with _one_export:
-        if not file.exists():
-            project.cache.mkdir(exist_ok=True)
-            for old in project.cache.glob(f"{what}-{frame}-*.{file_format}"):
-                delete_derived(project.cache, old.name)
-            _export(project, object_id, file_format, frame, file)
+    return project.cache / f"{_stem(object_id, frame)}-{key}.{file_format}"
+
+
+def export(project: WebProject, object_id: str | None, file_format: str, frame: str = "upright") -> Path:
+    """Write an export where `export_path` says, unless it is there, and return its path.
+
+    Raises
+    ------
+    HeritageError
+        When there is no such object, or it cannot be exported.
+    """
+    file = export_path(project, object_id, file_format, frame)
+    if not file.exists():
+        project.cache.mkdir(exist_ok=True)
+        for old in project.cache.glob(f"{_stem(object_id, frame)}-*.{file_format}"):
+            delete_derived(project.cache, old.name)
+        _export(project, object_id, file_format, frame, file)
     return file
 
 
+def _stem(object_id: str | None, frame: str) -> str:
+    return f"scene-{frame}" if object_id is None else f"object-{object_id}-{frame}"
+
+
 def _export(project: WebProject, object_id: str | None, file_format: str, frame: str, file: Path) -> None:
-    command = [sys.executable, "-m", "engine", "export", str(project.project), f"--format={file_format}"]
-    command += [f"--out={file}", f"--frame={frame}", f"--title={project.title}", "--events"]
+    # -P: a file in the current folder must not pass for a module of ours.
+    command = [sys.executable, "-P", "-m", "engine", "export", str(project.project), f"--format={file_format}"]
+    command += [f"--out={file}", f"--frame={frame}", f"--title={visible(project.title)}", "--events"]
     command += ["--far=keep"] if frame == "world" else []
     command += [] if object_id is None else [f"--object={object_id}"]
-    environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
+    environment = {**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONSAFEPATH": "1"}
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, env=environment, timeout=_MAX_SECONDS, check=False

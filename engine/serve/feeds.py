@@ -1,7 +1,8 @@
 """What happens in each project, sent to the browsers that watch it (server-sent events).
 
 Each event is complete in itself, so a browser that was away needs the newest of each kind and nothing older. Numbers
-are nanoseconds of the clock: they rise across restarts of the server, so that Last-Event-ID stays valid.
+rise whatever the clock does: they are its nanoseconds, or one more than the last. A browser whose last number is above
+all of this server's comes from a server whose clock was ahead, and gets everything.
 """
 
 from __future__ import annotations
@@ -35,25 +36,30 @@ class Feeds:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._last = 0
         self._newest: dict[Path, dict[str, tuple[int, str]]] = {}
         self._watchers: dict[Path, set[_Watcher]] = {}
 
     def publish(self, project: Path, kind: str, data: str = "{}") -> None:
         """Send an event to all who watch the folder `project`, now or later; from any thread."""
         with self._lock:
-            self._newest.setdefault(project, {})[kind] = (time.time_ns(), data)
+            self._last = max(time.time_ns(), self._last + 1)
+            self._newest.setdefault(project, {})[kind] = (self._last, data)
             watchers = list(self._watchers.get(project, ()))
         for watcher in watchers:
             watcher.wake()
 
-    async def stream(self, project: Path, last_number: int) -> AsyncIterator[str]:
-        """Yield the events after `last_number` as text of the protocol, and further ones as they happen."""
+    async def stream(self, project: Path, last_number: int, stop: asyncio.Event | None = None) -> AsyncIterator[str]:
+        """Yield the events after `last_number` as text of the protocol, and further ones until `stop`."""
+        stop = stop or asyncio.Event()
         watcher = _Watcher()
         with self._lock:
             self._watchers.setdefault(project, set()).add(watcher)
+            if last_number > self._last:
+                last_number = 0
         try:
             yield "retry: 2000\n\n"
-            while True:
+            while not stop.is_set():
                 watcher.news.clear()
                 with self._lock:
                     newest = self._newest.get(project, {})
@@ -63,9 +69,15 @@ class Feeds:
                 for number, kind, data in events:
                     last_number = number
                     yield f"id: {number}\nevent: {kind}\ndata: {data}\n\n"
+                waiting = [asyncio.ensure_future(event.wait()) for event in (watcher.news, stop)]
                 try:
-                    await asyncio.wait_for(watcher.news.wait(), _HEARTBEAT_SECONDS)
-                except TimeoutError:
+                    done, _ = await asyncio.wait(
+                        waiting, timeout=_HEARTBEAT_SECONDS, return_when=asyncio.FIRST_COMPLETED
+                    )
+                finally:
+                    for one in waiting:
+                        one.cancel()
+                if not done:
                     yield ": \n\n"
         finally:
             with self._lock:

@@ -8,14 +8,15 @@ import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..errors import FormatError, HeritageError, PhotoError, ProjectError
-from ..files import delete_derived, file_sha256, problem_of_inner_name
+from ..errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError
+from ..files import delete_derived, file_sha256, problem_of_inner_name, write_problem
 from ..photos import SUFFIXES, VIDEO, kind_of_file, live_photo_of
 from ..photos.settings import VIDEO_SUFFIXES
 from ..system import replace_file
-from .library import WebProject
+from .library import NotFound, WebProject, free_name
 from .settings import PHOTO_TYPES, ServeSettings
 from .small_photos import write_small_photo
+from .writers import only_writer
 
 __all__ = ["is_video", "is_video_name", "photo_name", "take_in_photo", "take_in_video"]
 
@@ -59,16 +60,18 @@ def _name_of_kind(filename: str, upload: Path, suffixes: Iterable[str]) -> str:
     return name if suffix.lower() in suffixes else stem + SUFFIXES.get(kind_of_file(upload) or "", suffix)
 
 
-def take_in_photo(project: WebProject, upload: Path, filename: str, settings: ServeSettings) -> str:
+def take_in_photo(project: WebProject, upload: Path, filename: str, sha256: str, settings: ServeSettings) -> str:
     """Check the complete file `upload`, move it to the photos of `project`, and return its name there.
 
     Parameters
     ----------
     project : WebProject
     upload : Path
-        On the same disk as the project. Stays where it is when the file is refused.
+        On the same disk as the project. Stays where it is when this fails, so that it can be tried again.
     filename : str
         As the client named it.
+    sha256 : str
+        Of `upload`.
     settings : ServeSettings
 
     Raises
@@ -81,25 +84,44 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, settings: Se
         When it cannot be stored.
     """
     name = _name_of_kind(filename, upload, PHOTO_TYPES)
-    present = project.photo_names()
-    if len(present) >= settings.max_photos:
-        raise ProjectError(f"The project has {len(present)} photos, which is the limit.")
-    sha256 = file_sha256(upload)
+    _require_new(project, name, sha256, settings)
+    small = project.cache / f"checked-{upload.name}.jpg"
+    try:
+        # Outside of the lock: it takes long.
+        write_small_photo(upload, small)
+    except DiskError:
+        raise
+    except HeritageError as error:
+        raise PhotoError(str(error).replace(str(upload), name).replace(upload.name, name)) from error
+    with only_writer(project.folder):
+        try:
+            _require_new(project, name, sha256, settings)
+            name = free_name(name, _taken_names(project.photos))
+            replace_file(small, project.cache / f"{name}.small.jpg")
+            replace_file(upload, project.photos / name)
+        except OSError as error:
+            raise write_problem(project.photos / name, error) from error
+        finally:
+            delete_derived(project.cache, small.name)
+        project.note_hash(name, sha256)
+    return name
+
+
+def _require_new(project: WebProject, name: str, sha256: str, settings: ServeSettings) -> None:
+    """Check that the project is there, and has room for a photo that it does not have."""
+    if not project.photos.is_dir():
+        raise NotFound("There is no such project.")
+    n_present = len(project.photo_names())
+    if n_present >= settings.max_photos:
+        raise ProjectError(f"The project has {n_present} photos, which is the limit.")
     same = next((photo for photo, known in project.known_hashes().items() if known == sha256), None)
     if same is not None:
         raise ProjectError(f"{name} was uploaded already, as {same}.")
-    name = _free_name(name, present)
-    staged = project.cache / f"checked-{upload.name}{Path(name).suffix}"
-    project.cache.mkdir(exist_ok=True)
-    replace_file(upload, staged)
-    try:
-        write_small_photo(staged, project.cache / f"{name}.small.jpg")
-    except HeritageError as error:
-        delete_derived(project.cache, staged.name)
-        raise PhotoError(str(error).replace(str(staged), name).replace(staged.name, name)) from error
-    replace_file(staged, project.photos / name)
-    project.note_hash(name, sha256)
-    return name
+
+
+def _taken_names(folder: Path) -> list[str]:
+    """Return all names in a folder: a photo must replace nothing, whatever it is."""
+    return [entry.name for entry in os.scandir(folder)]
 
 
 def is_video_name(name: str) -> bool:
@@ -107,7 +129,7 @@ def is_video_name(name: str) -> bool:
     return name.lower().endswith(VIDEO_SUFFIXES)
 
 
-def take_in_video(project: WebProject, upload: Path, filename: str) -> Path:
+def take_in_video(project: WebProject, upload: Path, filename: str, sha256: str) -> Path:
     """Move the complete file `upload` to the videos of `project`; the job that takes photos from it checks it.
 
     Raises
@@ -118,21 +140,23 @@ def take_in_video(project: WebProject, upload: Path, filename: str) -> Path:
         When it cannot be stored.
     """
     name = _name_of_kind(filename, upload, VIDEO_SUFFIXES)
-    photo = live_photo_of(name, VIDEO, project.photo_names())
-    if photo is not None:
-        raise ProjectError(f"{name} is the moving part of the Live Photo {photo}. The photo suffices.")
-    project.videos.mkdir(exist_ok=True)
-    target = project.videos / name
-    if target.exists():
-        raise ProjectError(f"{name} was uploaded already. Rename the video if it is another one.")
-    replace_file(upload, target)
+    if kind_of_file(upload) not in (VIDEO, None):
+        raise FormatError(f"{name} is not a video that can be read. Export it as MP4 (H.264).")
+    with only_writer(project.folder):
+        if not project.photos.is_dir():
+            raise NotFound("There is no such project.")
+        photo = live_photo_of(name, VIDEO, project.photo_names())
+        if photo is not None:
+            raise ProjectError(f"{name} is the moving part of the Live Photo {photo}. The photo suffices.")
+        size = upload.stat().st_size
+        for known in project.video_names():
+            other = project.videos / known
+            if other.stat().st_size == size and file_sha256(other) == sha256:
+                raise ProjectError(f"{name} was uploaded already, as {known}. Remove that one first to take it anew.")
+        try:
+            project.videos.mkdir(exist_ok=True)
+            target = project.videos / free_name(name, _taken_names(project.videos))
+            replace_file(upload, target)
+        except OSError as error:
+            raise write_problem(project.videos / name, error) from error
     return target
-
-
-def _free_name(name: str, present: list[str]) -> str:
-    stem, suffix = os.path.splitext(name)
-    taken = {one.casefold() for one in present}
-    number = 2
-    while name.casefold() in taken:
-        name, number = f"{stem} {number}{suffix}", number + 1
-    return name

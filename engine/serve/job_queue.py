@@ -79,6 +79,8 @@ class JobQueue:
         self._lock = threading.RLock()
         self._waiting: list[WaitingJob] = []
         self._last: dict[Path, Job] = {}
+        self._not_started: dict[Path, JobView] = {}
+        """Jobs that could not be started, until the next job of their project."""
         self._running: dict[Path, Job] = {}
         self._published: dict[tuple[Path, str], str] = {}
         self._stop = threading.Event()
@@ -141,6 +143,8 @@ class JobQueue:
     def last(self, project: Path) -> JobView | None:
         """Return the running job of a project, or else the last one that ended."""
         with self._lock:
+            if project in self._not_started:
+                return self._not_started[project]
             job = self._last.get(project)
             return None if job is None else _view_of_job(job)
 
@@ -219,7 +223,8 @@ class JobQueue:
     def _command(self, arguments: Sequence[str]) -> tuple[str, ...]:
         """Return the command line of a job: with `_words`, the only place that knows its form."""
         words = [*self._prefix, *arguments] if self._prefix else [*arguments, "--events"]
-        return (sys.executable, "-m", "engine", *words)
+        # -P: a file in the current folder must not pass for a module of ours.
+        return (sys.executable, "-P", "-m", "engine", *words)
 
     def _step(self) -> None:
         for job in list(self._running.values()):
@@ -248,8 +253,12 @@ class JobQueue:
                     waiting.command, folder, kind=waiting.kind, subject=str(waiting.subject), environment=_environment()
                 )
                 self._running[folder] = self._last[waiting.subject] = job
-            except HeritageError as error:
-                _LOG.error("%s", error)
+                self._not_started.pop(waiting.subject, None)
+            except (HeritageError, ValueError, OSError) as error:
+                _LOG.error("A job could not be started: %s", error)
+                sentence = f"The job could not be started: {error}"
+                view = replace(_view_of_waiting(waiting), state="stopped", error=sentence)
+                self._not_started[waiting.subject] = view
         # After the start: a server that is killed in between starts no job twice, see `_was_started`.
         waiting.take()
         self._publish(waiting.subject)
@@ -290,14 +299,14 @@ def _project_of(job: Job) -> Path:
 
 def _words(command: Sequence[str]) -> list[str]:
     """Return the engine's command and its arguments, of the command line of a job on this computer or on a cluster."""
-    words = list(command[3:])
+    words = list(command[list(command).index("engine") + 1 :] if "engine" in command else command)
     if words[:1] == ["remote"]:
         return words[words.index("--") + 1 :]
     return [word for word in words if word != "--events"]
 
 
 def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(_ROOT)}
+    return {**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONSAFEPATH": "1"}
 
 
 def _view_of_waiting(waiting: WaitingJob) -> JobView:

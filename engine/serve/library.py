@@ -5,18 +5,19 @@ from __future__ import annotations
 import os
 import re
 import secrets
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ..errors import DiskError, ProjectError
-from ..files import delete_derived, is_inner_name, path_within, read_json, write_json
-from ..system import name_in_order, replace_file
+from ..errors import FormatError, ProjectError
+from ..files import delete_derived, is_inner_name, path_within, read_json, write_json, write_problem
+from ..photos.settings import VIDEO_SUFFIXES
 from .settings import PHOTO_TYPES, ServeSettings
+from .trash import Trash, TrashItem
+from .writers import only_writer
 
-__all__ = ["Library", "NotFound", "WebProject"]
+__all__ = ["Library", "NotFound", "WebProject", "free_name"]
 
 _INFO, _HASHES = "info.json", "hashes.json"
 _SCHEMA = {"title": str, "created": str}
@@ -81,19 +82,28 @@ class WebProject:
         created: str = self._info()["created"]
         return created
 
+    @property
+    def is_damaged(self) -> bool:
+        """Whether its description cannot be read; a new title mends it."""
+        return self._info() == self._replacement()
+
+    @property
+    def trash(self) -> Trash:
+        """Its removed photos and videos."""
+        return Trash(self.folder / "trash")
+
     def rename(self, title: str) -> None:
         """Give it another title."""
-        write_json(self.folder / _INFO, {**self._info(), "title": title})
+        with only_writer(self.folder):
+            write_json(self.folder / _INFO, {**self._info(), "title": title})
 
     def photo_names(self) -> list[str]:
         """Return the names of the uploaded photos, sorted."""
-        if not self.photos.is_dir():
-            return []
-        return sorted(
-            entry.name
-            for entry in os.scandir(self.photos)
-            if is_inner_name(entry.name) and entry.is_file() and entry.name.lower().endswith(PHOTO_TYPES)
-        )
+        return _names_in(self.photos, PHOTO_TYPES)
+
+    def video_names(self) -> list[str]:
+        """Return the names of the uploaded videos, sorted."""
+        return _names_in(self.videos, VIDEO_SUFFIXES)
 
     def photo(self, name: str) -> Path:
         """Return the file of a photo.
@@ -108,19 +118,96 @@ class WebProject:
         return path_within(self.photos, name)
 
     def known_hashes(self) -> dict[str, str]:
-        """Return the SHA-256 of each photo that is there."""
+        """Return the SHA-256 of each photo that is there and was uploaded."""
         file = self.folder / _HASHES
-        hashes: dict[str, str] = read_json(file, {str: str}, advice="Delete it.") if file.exists() else {}
+        try:
+            hashes: dict[str, str] = read_json(file, {str: str}, advice="Delete it.") if file.exists() else {}
+        except FormatError:
+            # It only tells which photos came twice.
+            return {}
         present = set(self.photo_names())
         return {name: sha256 for name, sha256 in hashes.items() if name in present}
 
     def note_hash(self, name: str, sha256: str) -> None:
         """Store the SHA-256 of a photo."""
-        write_json(self.folder / _HASHES, {**self.known_hashes(), name: sha256})
+        with only_writer(self.folder):
+            write_json(self.folder / _HASHES, {**self.known_hashes(), name: sha256})
+
+    def remove(self, name: str) -> TrashItem:
+        """Move an uploaded photo or video to the trash of the project.
+
+        Raises
+        ------
+        NotFound
+            When there is none of this name.
+        DiskError
+            When it cannot be moved.
+        """
+        with only_writer(self.folder):
+            folder = self.photos if name in self.photo_names() else self.videos
+            if folder == self.videos and name not in self.video_names():
+                raise NotFound(f"There is no photo or video {name!r}.")
+            item = self.trash.take(path_within(folder, name))
+            self._forget_copies(name)
+            return item
+
+    def restore(self, item_id: str) -> str:
+        """Move a removed photo or video back, and return its name; a number is added where the name is in use.
+
+        Raises
+        ------
+        NotFound
+            When the trash has nothing of this id.
+        DiskError
+            When it cannot be moved.
+        """
+        with only_writer(self.folder):
+            item = self.trash.find(item_id)
+            if item is None:
+                raise NotFound("That is not in the trash any more.")
+            is_video = item.name.lower().endswith(VIDEO_SUFFIXES)
+            folder = self.videos if is_video else self.photos
+            name = free_name(item.name, self.video_names() if is_video else self.photo_names())
+            self.trash.give_back(item, folder / name)
+            self._forget_copies(name)
+            return name
+
+    def _forget_copies(self, name: str) -> None:
+        """Delete what was made from a photo: another one may get its name."""
+        for copy in (f"{name}.small.jpg", f"{name}.1600.jpg"):
+            delete_derived(self.cache, copy)
 
     def _info(self) -> dict[str, str]:
-        info: dict[str, str] = read_json(self.folder / _INFO, _SCHEMA, advice="Delete the project.")
+        try:
+            info: dict[str, str] = read_json(self.folder / _INFO, _SCHEMA, advice="Delete the project.")
+        except FormatError:
+            return self._replacement()
         return info
+
+    def _replacement(self) -> dict[str, str]:
+        """Return what stands for a damaged description, so that the project can be seen, renamed and deleted."""
+        changed = datetime.fromtimestamp(self.folder.stat().st_mtime, UTC)
+        return {"title": f"Damaged project {self.id}", "created": changed.isoformat(timespec="seconds")}
+
+
+def _names_in(folder: Path, suffixes: tuple[str, ...]) -> list[str]:
+    if not folder.is_dir():
+        return []
+    return sorted(
+        entry.name
+        for entry in os.scandir(folder)
+        if is_inner_name(entry.name) and entry.is_file() and entry.name.lower().endswith(suffixes)
+    )
+
+
+def free_name(name: str, present: list[str]) -> str:
+    """Return `name`, with a number where one of `present` has it already, in whatever case."""
+    stem, suffix = os.path.splitext(name)
+    taken = {one.casefold() for one in present}
+    number = 2
+    while name.casefold() in taken:
+        name, number = f"{stem} {number}{suffix}", number + 1
+    return name
 
 
 class Library:
@@ -138,6 +225,7 @@ class Library:
         self.folder = settings.data / "users" / user
         self.uploads = self.folder / "uploads"
         self._projects = self.folder / "projects"
+        self.trash = Trash(self.folder / "trash")
 
     def create(self, title: str) -> WebProject:
         """Create an empty project.
@@ -153,7 +241,10 @@ class Library:
             raise ProjectError(f"You have {self._settings.max_projects} projects, which is the limit. Delete one.")
         project = WebProject(self._projects / secrets.token_hex(6))
         created = datetime.now(UTC).isoformat(timespec="seconds")
-        project.photos.mkdir(parents=True)
+        try:
+            project.photos.mkdir(parents=True)
+        except OSError as error:
+            raise write_problem(project.folder, error) from error
         write_json(project.folder / _INFO, {"title": title, "created": created})
         return project
 
@@ -178,55 +269,56 @@ class Library:
         return project
 
     def discard(self, project: WebProject) -> None:
-        """Move a project to the trash of the user, a folder that only the server's owner empties.
+        """Move a project to the trash of the user.
 
         Raises
         ------
         DiskError
             When it cannot be moved.
         """
-        trash = self.folder / "trash"
-        try:
-            trash.mkdir(exist_ok=True)
-            replace_file(project.folder, trash / f"{name_in_order(())}-{project.id}")
-        except OSError as error:
-            raise DiskError(f"The project could not be deleted: {error.strerror or error}.") from error
+        with only_writer(project.folder):
+            self.trash.take(project.folder)
 
-    def delete_photo(self, project: WebProject, name: str) -> None:
-        """Delete an uploaded photo.
+    def deleted_projects(self) -> list[tuple[TrashItem, WebProject]]:
+        """Return what is in the trash of the user, the newest first."""
+        return [(item, WebProject(item.path)) for item in self.trash.items() if _ID.fullmatch(item.name)]
+
+    def restore(self, item_id: str) -> WebProject:
+        """Move a project from the trash back.
 
         Raises
         ------
         NotFound
-            When there is none of this name.
+            When the trash has nothing of this id.
+        DiskError
+            When it cannot be moved.
         """
-        project.photo(name)
-        delete_derived(project.photos, name)
+        item = self.trash.find(item_id)
+        if item is None or not _ID.fullmatch(item.name):
+            raise NotFound("That is not in the trash any more.")
+        project = WebProject(self._projects / item.name)
+        with only_writer(project.folder):
+            self.trash.give_back(item, project.folder)
+        return project
+
+    def empty_trash(self) -> None:
+        """Delete everything in the user's trash, and in those of the user's projects."""
+        self.trash.empty()
+        for project in self.projects():
+            with only_writer(project.folder):
+                project.trash.empty()
 
     def used_bytes(self) -> int:
-        """Return the size of everything the user has uploaded, unfinished uploads included."""
-        folders = [self.uploads]
+        """Return the size of all uploaded files and of the trash, without unfinished uploads."""
+        folders = []
+        trash = self.trash.used_bytes()
         for project in self.projects():
             folders += [project.photos, project.videos]
-        return sum(
+            trash += project.trash.used_bytes()
+        return trash + sum(
             entry.stat().st_size
             for folder in folders
             if folder.is_dir()
             for entry in os.scandir(folder)
             if entry.is_file()
         )
-
-    def require_space(self, n_bytes: int) -> None:
-        """Check that a file of `n_bytes` may be uploaded.
-
-        Raises
-        ------
-        DiskError
-            When the user's share or the disk is full.
-        """
-        self.folder.mkdir(parents=True, exist_ok=True)
-        if self.used_bytes() + n_bytes > self._settings.max_user_bytes:
-            share = self._settings.max_user_bytes / 1e9
-            raise DiskError(f"Your photos would take more than your {share:.0f} GB. Delete projects that are finished.")
-        if shutil.disk_usage(self.folder).free - n_bytes < self._settings.min_free_bytes:
-            raise DiskError("The disk of the server is full. Ask its owner to make space, then upload again.")

@@ -12,17 +12,17 @@ from filelock import FileLock, Timeout
 
 from ..errors import DiskError, EnvironmentProblem, ProjectError, SettingsError
 from ..events import Emit, Finished, StopCheck
+from .access import Server
 from .accounts import Accounts
 from .app import PAGE, create_app
 from .certificate import certificate_files
+from .connections import BACKLOG, Listener, Protocol
 from .settings import ServeSettings
 
 __all__ = ["run_server"]
 
 _LOCAL_HOSTS = ["127.0.0.1", "localhost"]
 _SHUTDOWN_SECONDS = 5
-_IDLE_SECONDS = 15
-"""A connection without a request is closed after this time."""
 
 
 def run_server(settings: ServeSettings, emit: Emit, should_stop: StopCheck) -> None:
@@ -39,27 +39,36 @@ def run_server(settings: ServeSettings, emit: Emit, should_stop: StopCheck) -> N
     """
     if not (PAGE / "index.html").is_file():
         raise EnvironmentProblem("The page of the server is not built. Run `make serve` once, which builds it.")
-    accounts = Accounts(settings.data)
-    if settings.lan and not accounts.names():
-        raise SettingsError("Nobody could sign in. Add a user first: python -m engine serve --add-user NAME.")
+    if settings.lan and not Accounts(settings.data).names():
+        raise SettingsError(
+            f"Nobody could sign in to {settings.data}. Add a user first: --first-user NAME, added to this command, "
+            "does it and shows the token."
+        )
     with _only_server(settings), _listening(settings) as listener:
         port = listener.getsockname()[1]
         hosts = [*_LOCAL_HOSTS, *((settings.names or _own_addresses()) if settings.lan else [])]
+        app = create_app(settings, hosts)
+        server_of_app: Server = app.state.server
+        listener.connections = server_of_app.connections
         config = uvicorn.Config(
-            create_app(settings, hosts),
+            app,
             access_log=False,
             log_level="warning",
             server_header=False,
-            limit_concurrency=settings.max_connections,
-            timeout_keep_alive=_IDLE_SECONDS,
+            # Whoever sends X-Forwarded-For could pass for another address, and for TLS.
+            proxy_headers=False,
+            backlog=BACKLOG,
+            timeout_keep_alive=int(settings.header_seconds) + 1,
             timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
-            http="h11",
+            # Only such a loop lets the listener count connections, on all systems.
+            loop="asyncio:SelectorEventLoop",
+            http=Protocol,
             ws="none",
         )
         if settings.lan:
             certificate, key = certificate_files(settings.data, hosts)
             config.ssl_certfile, config.ssl_keyfile = str(certificate), str(key)
-        server = _Server(config, should_stop, lambda: _announce(settings, hosts, port, emit))
+        server = _Server(config, should_stop, lambda: _announce(server_of_app, hosts, port, emit))
         server.run(sockets=[listener])
     job = "is continued by the next server" if settings.stop_jobs else "goes on, and the next server shows it"
     emit(Finished(f"The server has ended. A running job {job}."))
@@ -91,7 +100,8 @@ class _Server(uvicorn.Server):
         return await super().on_tick(counter)
 
 
-def _announce(settings: ServeSettings, hosts: list[str], port: int, emit: Emit) -> None:
+def _announce(server: Server, hosts: list[str], port: int, emit: Emit) -> None:
+    settings = server.settings
     scheme = "https" if settings.lan else "http"
     host = hosts[-1] if settings.lan else hosts[0]
     address = f"{scheme}://{host}:{port}/"
@@ -100,9 +110,18 @@ def _announce(settings: ServeSettings, hosts: list[str], port: int, emit: Emit) 
     if settings.lan:
         import segno
 
+        names = server.accounts.names()
+        user = settings.first_user or names[0]
+        whose = "For a phone in the same network"
+        if user in names and (settings.first_user or len(names) == 1):
+            # Behind #, where browsers keep it to themselves.
+            address += f"#/sign-in/{server.accounts.new_code(user)}"
+            whose += f", signed in as {user}: works once, in the next 15 minutes. Later: start the server again"
         text = io.StringIO()
         segno.make(address).terminal(text, compact=True)
-        emit(Finished(f"For a phone in the same network:\n{text.getvalue()}"))
+        emit(Finished(f"{whose}.\n{text.getvalue()}"))
+        if "#" in address:
+            emit(Finished(f"The same as an address: {address}"))
 
 
 @contextlib.contextmanager
@@ -121,9 +140,9 @@ def _only_server(settings: ServeSettings) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _listening(settings: ServeSettings) -> Iterator[socket.socket]:
+def _listening(settings: ServeSettings) -> Iterator[Listener]:
     host = "0.0.0.0" if settings.lan else settings.host  # noqa: S104 that is what --lan means
-    with socket.socket() as listener:
+    with Listener() as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listener.bind((host, settings.port))
@@ -131,7 +150,7 @@ def _listening(settings: ServeSettings) -> Iterator[socket.socket]:
             raise SettingsError(
                 f"Port {settings.port} cannot be used: {error.strerror}. Choose another --port."
             ) from error
-        listener.listen(settings.max_connections)
+        listener.listen()
         listener.set_inheritable(False)
         yield listener
 

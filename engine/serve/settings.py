@@ -26,6 +26,8 @@ class ServeSettings:
         Whether other computers may connect: with TLS, and with a token for each user.
     names : tuple of str
         With `lan`: names and addresses by which clients reach the server; empty takes those of this computer.
+    first_user : str
+        With `lan`: the user whom the QR code of the address signs in; empty: the only one, if there is only one.
     stop_jobs : bool
         Whether the running job is stopped with the server and continued by the next one. Otherwise it goes on.
     scheduler : str
@@ -49,18 +51,35 @@ class ServeSettings:
         Characters of a text that a user enters.
     max_clicks : int
         Clicks of one prompt.
-    max_connections : int
-        Connections at a time; further ones are refused with status 503.
+    max_connections, max_address_connections : int
+        Connections at a time, of all and of one address. A further one ends the one that has been without a request for
+        longest; where all have one, it is refused.
+    max_user_requests : int
+        Requests of a user at a time, streams of events included.
     max_streams : int
         Streams of events of a user at a time.
+    max_browser_streams : int
+        Streams of one browser: it has at most six connections to a server, for all its tabs. A further stream takes the
+        place of the oldest.
+    max_user_exports : int
+        Exports of a user that wait; one at a time is made.
     min_free_bytes : int
         Free disk space below which nothing is accepted.
     read_seconds : float
-        Longest pause of a client that sends a request.
+        Longest pause of a client that sends a request or gets an answer, and the time in which a request that is no
+        upload must have arrived.
+    header_seconds : float
+        Time in which a new connection must have sent the head of a request, and in which the next one must follow.
+    min_upload_rate : float
+        Bytes per second of an upload, after the first `read_seconds`, below which it is ended; it can be continued.
     session_days : float
         Time after which a user signs in again.
     upload_days : int
         Time after which an unfinished upload is deleted.
+    trash_days : int
+        Time after which what a user removed is deleted.
+    tidy_seconds : float
+        Time between two looks for what is to be deleted.
     """
 
     data: Path
@@ -68,6 +87,7 @@ class ServeSettings:
     port: int = 8765
     lan: bool = False
     names: tuple[str, ...] = ()
+    first_user: str = ""
     stop_jobs: bool = False
     scheduler: str = ""
     device: Literal["auto", "cpu", "gpu"] = "auto"
@@ -82,8 +102,16 @@ class ServeSettings:
     max_prompt: int = 500
     max_clicks: int = 100
     max_connections: int = 500
+    max_address_connections: int = 300
+    max_user_requests: int = 150
     max_streams: int = 64
+    max_browser_streams: int = 3
+    max_user_exports: int = 20
     min_free_bytes: int = 2 << 30
     read_seconds: float = 30.0
+    header_seconds: float = 15.0
+    min_upload_rate: float = 1000.0
     session_days: float = 30.0
     upload_days: int = 2
+    trash_days: int = 30
+    tidy_seconds: float = 600.0

@@ -7,7 +7,7 @@ from pathlib import Path
 from ..errors import FormatError
 from ..files import atomic_write
 
-__all__ = ["SMALL_SIDE", "small_photo", "write_small_photo"]
+__all__ = ["SMALL_SIDE", "kept_small_photo", "small_photo", "write_small_photo"]
 
 SMALL_SIDE = 320
 """Pixels of the longest side in lists."""
@@ -24,11 +24,27 @@ def small_photo(photo: Path, cache: Path, side: int) -> Path:
     PhotoError
         When the photo cannot be read.
     """
-    kept = next((one for one in _SIDES if one >= side), _SIDES[-1])
-    file = cache / (f"{photo.name}.small.jpg" if kept == SMALL_SIDE else f"{photo.name}.{kept}.jpg")
-    if not file.exists() or file.stat().st_mtime_ns < photo.stat().st_mtime_ns:
+    file = kept_small_photo(photo, cache, side)
+    if file is None:
+        kept = _kept_side(side)
+        file = _copy_of(photo, cache, kept)
         write_small_photo(photo, file, side=kept)
     return file
+
+
+def kept_small_photo(photo: Path, cache: Path, side: int) -> Path | None:
+    """Return the file of `small_photo` where it has been made already."""
+    file = _copy_of(photo, cache, _kept_side(side))
+    is_new = file.is_file() and file.stat().st_mtime_ns >= photo.stat().st_mtime_ns
+    return file if is_new else None
+
+
+def _kept_side(side: int) -> int:
+    return next((one for one in _SIDES if one >= side), _SIDES[-1])
+
+
+def _copy_of(photo: Path, cache: Path, kept: int) -> Path:
+    return cache / (f"{photo.name}.small.jpg" if kept == SMALL_SIDE else f"{photo.name}.{kept}.jpg")
 
 
 def write_small_photo(photo: Path, out: Path, *, side: int = SMALL_SIDE) -> None:

@@ -7,9 +7,7 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from ..settings import ServeSettings
-from . import jobs, objects, photos, projects, sessions, views
-from .uploads import upload_router
+from . import jobs, objects, photos, projects, sessions, trash, uploads, views
 
 __all__ = ["api_router"]
 
@@ -37,13 +35,12 @@ class Problem(BaseModel):
     detail: str
 
 
-def api_router(settings: ServeSettings) -> APIRouter:
+def api_router() -> APIRouter:
     """Return all routes."""
     responses: dict[int | str, dict[str, Any]] = {
         status: {"model": Problem, "description": text} for status, text in _STATUS.items()
     }
     router = APIRouter(prefix="/api/v1", responses=responses)
-    for module in (sessions, projects, photos, jobs, views, objects):
+    for module in (sessions, projects, photos, trash, jobs, views, objects, uploads):
         router.include_router(module.router)
-    router.include_router(upload_router(settings))
     return router

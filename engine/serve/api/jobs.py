@@ -15,6 +15,7 @@ from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import has_scene
 from ..library import WebProject
 from ..settings import ServeSettings
+from ..texts import Line
 
 __all__ = ["router"]
 
@@ -25,7 +26,7 @@ _Pixel = Annotated[float, Field(ge=0, le=1e5, allow_inf_nan=False)]
 class ClickedPixel(BaseModel):
     """A click on a photo, in pixels from its top left corner after EXIF rotation."""
 
-    photo: str = Field(max_length=200)
+    photo: Line = Field(max_length=200)
     x: _Pixel
     y: _Pixel
     wanted: bool = True
@@ -43,10 +44,10 @@ class Segmentation(BaseModel):
     """A scene to objects, by exactly one of prompt, clicks, find_all, background and accept."""
 
     kind: Literal["segment"]
-    prompt: str = ""
+    prompt: Line = ""
     clicks: list[ClickedPixel] = []
-    name: str = Field(default="", max_length=300)
-    object: str = Field(default="", max_length=300)
+    name: Line = Field(default="", max_length=300)
+    object: Line = Field(default="", max_length=300)
     find_all: bool = False
     background: bool = False
     accept: int | None = Field(default=None, ge=0, le=1000)

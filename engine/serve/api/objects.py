@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
@@ -14,41 +15,44 @@ from ...project_folder import ProjectFolder
 from ...records import delete_object, load_record, rename_object, save_record
 from ..access import CurrentProject, server_of
 from ..contents import describe_object
-from ..downloads import MEDIA_TYPES, download_name, exported_file
+from ..downloads import MEDIA_TYPES, download_name
 from ..library import NotFound, WebProject
+from ..texts import Line, Lines
 
 __all__ = ["router"]
 
 router = APIRouter(prefix="/projects/{project_id}/objects", tags=["objects"])
-_Text = Annotated[str | None, Field(max_length=300)]
+_Text = Annotated[Line | None, Field(max_length=300)]
 
 
 class ObjectChange(BaseModel):
     """The name of an object and its museum record; what is not given stays."""
 
-    name: Annotated[str | None, Field(min_length=1, max_length=300)] = None
+    name: Annotated[Line | None, Field(min_length=1, max_length=300)] = None
     title: _Text = None
     catalogue_number: _Text = None
     rights: _Text = None
-    notes: Annotated[str | None, Field(max_length=5000)] = None
+    notes: Annotated[Lines | None, Field(max_length=5000)] = None
 
 
 @router.get("/{object_id}.ply")
-def read_object_for_viewer(object_id: str, project: CurrentProject) -> FileResponse:
+async def read_object_for_viewer(object_id: str, project: CurrentProject, request: Request) -> FileResponse:
     """Return an object for the viewer, in the frame of the cameras."""
-    _object(project, object_id)
-    return FileResponse(exported_file(project, object_id, "ply", "world"), media_type=MEDIA_TYPES["ply"])
+    await run_in_threadpool(_object, project, object_id)
+    file = await server_of(request).work.exported(project, object_id, "ply", "world")
+    return FileResponse(file, media_type=MEDIA_TYPES["ply"])
 
 
 @router.get("/{object_id}/export")
-def download_object(
+async def download_object(
     object_id: str,
     project: CurrentProject,
+    request: Request,
     file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")],
 ) -> FileResponse:
     """Return an object as a file to keep."""
-    item = _object(project, object_id)
-    file = exported_file(project, object_id, file_format)
+    item = await run_in_threadpool(_object, project, object_id)
+    file = await server_of(request).work.exported(project, object_id, file_format)
     return FileResponse(file, media_type=MEDIA_TYPES[file_format], filename=download_name(item.name, file_format))
 
 

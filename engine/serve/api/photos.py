@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
-from ..access import CurrentProject, CurrentUser, server_of
-from ..small_photos import SMALL_SIDE, small_photo
+from ..access import CurrentProject, server_of
+from ..contents import describe_removed
+from ..small_photos import SMALL_SIDE
 
 __all__ = ["router"]
 
@@ -17,17 +19,17 @@ _CACHE = {"Cache-Control": "private, max-age=3600"}
 
 
 @router.get("/{name}")
-def read_photo(
-    name: str, project: CurrentProject, side: Annotated[int, Query(ge=1, le=1600)] = SMALL_SIDE
+async def read_photo(
+    name: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = SMALL_SIDE
 ) -> FileResponse:
     """Return a small JPEG of a photo, upright."""
-    file = small_photo(project.photo(name), project.cache, side)
+    file = await server_of(request).work.small_photo(await run_in_threadpool(project.photo, name), project.cache, side)
     return FileResponse(file, media_type="image/jpeg", headers=_CACHE)
 
 
-@router.delete("/{name}", status_code=204)
-def delete_photo(name: str, project: CurrentProject, request: Request, user: CurrentUser) -> None:
-    """Delete an uploaded photo."""
-    server = server_of(request)
-    server.library(user).delete_photo(project, name)
-    server.feeds.publish(project.folder, "photos")
+@router.delete("/{name}")
+def delete_photo(name: str, project: CurrentProject, request: Request) -> dict[str, Any]:
+    """Move an uploaded photo or video to the trash of the project; the ``id`` brings it back from there."""
+    item = project.remove(name)
+    server_of(request).feeds.publish(project.folder, "photos")
+    return describe_removed(item)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, Field
 
 from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import describe_project, summarise_project
 from ..downloads import report_response
-from ..streams import open_stream
+from ..texts import Line
 
 __all__ = ["router"]
 
@@ -21,7 +21,7 @@ router = APIRouter(prefix="/projects", tags=["projects"])
 class Title(BaseModel):
     """The user's name for a project."""
 
-    title: str = Field(min_length=1, max_length=300, pattern=r"\S")
+    title: Line = Field(min_length=1, max_length=300, pattern=r"\S")
 
 
 @router.get("")
@@ -54,16 +54,21 @@ def rename_project(title: Title, project: CurrentProject, request: Request) -> d
 
 @router.delete("/{project_id}", status_code=204)
 def delete_project(project: CurrentProject, request: Request, user: CurrentUser) -> None:
-    """Stop what works on a project and move it to the server's trash."""
+    """Stop what works on a project and move it to the trash of the user."""
     server = server_of(request)
     server.queue.cancel_all(project.folder)
     server.library(user).discard(project)
 
 
 @router.get("/{project_id}/events")
-async def stream_events(project: CurrentProject, request: Request, user: CurrentUser) -> StreamingResponse:
-    """Stream what happens in a project; ``Last-Event-ID`` continues an earlier stream."""
-    return open_stream(server_of(request), project, user, request.headers.get("last-event-id", ""))
+async def stream_events(
+    project: CurrentProject, request: Request, user: CurrentUser, browser: Annotated[str, Query(max_length=64)] = ""
+) -> StreamingResponse:
+    """Stream what happens in a project; ``Last-Event-ID`` continues an earlier stream.
+
+    ``browser`` is the browser's name for itself: of its streams, only the newest few stay open.
+    """
+    return server_of(request).streams.begin(project, user, request.headers.get("last-event-id", ""), browser)
 
 
 @router.get("/{project_id}/report")

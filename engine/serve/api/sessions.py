@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from ...photos.settings import VIDEO_SUFFIXES
 from ...training.settings import PRESETS
-from ..access import COOKIE, CurrentUser, local_user, server_of, session_user, set_session
+from ..access import CurrentUser, local_user, server_of, session_cookie, session_user, set_session
 from ..settings import PHOTO_TYPES
 
 __all__ = ["router"]
@@ -26,7 +26,7 @@ class Token(BaseModel):
 @router.get("")
 def read_session(request: Request, response: Response) -> dict[str, Any]:
     """Return the signed-in user, the token for changing requests, and the limits."""
-    user, cookie = session_user(request), request.cookies.get(COOKIE, "")
+    user, cookie = session_user(request), session_cookie(request)
     if user is None and (user := local_user(request)) is not None:
         cookie = set_session(request, response, user)
     return _description(request, user, cookie)
@@ -34,17 +34,20 @@ def read_session(request: Request, response: Response) -> dict[str, Any]:
 
 @router.post("")
 def sign_in(token: Token, request: Request, response: Response) -> dict[str, Any]:
-    """Sign in with a token."""
-    user = server_of(request).accounts.user_of_token(token.token)
+    """Sign in with a token, or with the code of an address that the server showed at its start, which serves once."""
+    accounts = server_of(request).accounts
+    user = accounts.user_of_token(token.token) or accounts.user_of_code(token.token)
     if user is None:
         raise HTTPException(401, "This token is not known. Ask the owner of the server for a new one.")
     return _description(request, user, set_session(request, response, user))
 
 
 @router.delete("", status_code=204)
-def sign_out(user: CurrentUser, response: Response) -> None:
-    """Forget the session in this browser."""
-    response.delete_cookie(COOKIE)
+def sign_out(user: CurrentUser, request: Request, response: Response) -> None:
+    """End the session, here and for whoever has a copy of its cookie."""
+    accounts = server_of(request).accounts
+    accounts.end_session(session_cookie(request))
+    response.delete_cookie(accounts.cookie_name)
 
 
 def _description(request: Request, user: str | None, cookie: str) -> dict[str, Any]:

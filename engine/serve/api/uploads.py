@@ -1,112 +1,233 @@
-"""Resumable uploads by the tus protocol (https://tus.io), version 1.0.0, with `tuspyserver`.
+"""Resumable uploads by the tus protocol (https://tus.io), version 1.0.0: core, creation and termination.
 
 Unfinished uploads are in a folder of the user outside of what is served. A complete one is checked at once, see
-`intake`; the answer to its last request says whether it was taken.
+`intake`; the answer to its last request says whether it was taken. Nothing here waits in the event loop, and nothing
+holds more than `_PART` bytes of an upload.
 """
 
 from __future__ import annotations
 
+import asyncio
+import base64
+import binascii
 import re
-from collections.abc import Awaitable, Callable
-from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, HTTPException, Request
-from fastapi.concurrency import run_in_threadpool
-from tuspyserver import create_tus_router
+from anyio import to_thread
+from fastapi import APIRouter, Depends, Header, HTTPException, Request, Response
 
-from ...files import delete_derived
-from ..access import CurrentUser, current_user, server_of
+from ...errors import DiskError, FormatError, HeritageError, ProjectError
+from ...files import file_sha256
+from ..access import CurrentUser, Server, current_user, server_of
+from ..guards import TUS_VERSION, UPLOADS
 from ..intake import is_video, is_video_name, photo_name, take_in_photo, take_in_video
-from ..settings import ServeSettings
+from ..unfinished import Upload
 
-__all__ = ["upload_router"]
+__all__ = ["router"]
 
-_UPLOAD_ID = re.compile(r"[0-9a-f-]{32,36}")
+_EXTENSIONS = "creation,termination"
+_CONTENT_TYPE = "application/offset+octet-stream"
 _UNSUPPORTED = ("upload-concat", "upload-defer-length", "x-http-method-override")
 """Extensions of the protocol by which a client could pass the limits."""
+_PART = 256 << 10
+"""Bytes that are collected before they are written."""
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+_MAX_DIGITS = 18
 
-
-def upload_router(settings: ServeSettings) -> APIRouter:
-    """Return the routes of uploads."""
-    router = APIRouter(tags=["uploads"], dependencies=[Depends(current_user), Depends(_require_supported)])
-    # Its annotations leave out that the functions may be coroutines and may name a folder.
-    hooks: dict[str, Any] = {"pre_create_dep": _before, "upload_complete_dep": _when_complete, "file_dep": _folder}
-    router.include_router(
-        create_tus_router(
-            prefix="/uploads",
-            files_dir=str(settings.data / "uploads"),
-            max_size=settings.max_video_bytes,
-            days_to_keep=settings.upload_days,
-            strict_offset_validation=True,
-            **hooks,
-        )
-    )
-    return router
+Text = Annotated[str, Header()]
 
 
 def _require_supported(request: Request) -> None:
     for name in _UNSUPPORTED:
         if name in request.headers:
             raise HTTPException(400, f"The header {name} is not supported.")
-    upload_id = request.path_params.get("uuid")
-    if upload_id is not None and not _UPLOAD_ID.fullmatch(upload_id):
+    version = request.headers.get("tus-resumable", "")
+    if request.method != "OPTIONS" and version != TUS_VERSION:
+        raise HTTPException(412, f"The header Tus-Resumable must be {TUS_VERSION}.", {"Tus-Version": TUS_VERSION})
+
+
+router = APIRouter(
+    prefix="/uploads", tags=["uploads"], dependencies=[Depends(current_user), Depends(_require_supported)]
+)
+
+
+@router.options("", status_code=204, include_in_schema=False)
+@router.options("/", status_code=204)
+async def read_capabilities(request: Request) -> Response:
+    """Return the version and extensions of the protocol, and the largest file."""
+    size = server_of(request).settings.max_video_bytes
+    headers = {"Tus-Version": TUS_VERSION, "Tus-Extension": _EXTENSIONS, "Tus-Max-Size": str(size)}
+    return Response(status_code=204, headers=headers)
+
+
+@router.post("", status_code=201, include_in_schema=False)
+@router.post("/", status_code=201)
+async def begin_upload(
+    request: Request, user: CurrentUser, upload_length: Text = "", upload_metadata: Text = ""
+) -> Response:
+    """Begin an upload; a body is not read."""
+    server = server_of(request)
+    metadata = _metadata(upload_metadata)
+    size = _number(upload_length, "Upload-Length")
+    upload = await to_thread.run_sync(_begin, server, user, metadata, size, limiter=server.transfers.writers)
+    return Response(status_code=201, headers={"Location": f"{UPLOADS}/{upload.id}", "Upload-Offset": "0"})
+
+
+@router.head("/{uuid}", status_code=200)
+async def read_offset(uuid: str, request: Request, user: CurrentUser) -> Response:
+    """Return how much of an upload has arrived."""
+    server = server_of(request)
+    upload = _find(server, user, uuid)
+    async with server.transfers.held(upload):
+        _require_kept(server, user, upload)
+        if upload.offset == upload.size:
+            # The server ended, or the disk was full, before it was checked: a client takes this answer for the end.
+            await _finish(server, user, upload)
+        headers = {"Upload-Offset": str(upload.offset), "Upload-Length": str(upload.size), "Cache-Control": "no-store"}
+    return Response(status_code=200, headers=headers)
+
+
+@router.patch("/{uuid}", status_code=204)
+async def continue_upload(
+    uuid: str, request: Request, user: CurrentUser, upload_offset: Text = "", content_type: Text = ""
+) -> Response:
+    """Append bytes to an upload. The last ones make it a photo or video of its project, or refuse it."""
+    server = server_of(request)
+    upload = _find(server, user, uuid)
+    if content_type != _CONTENT_TYPE:
+        raise HTTPException(415, f"The header Content-Type must be {_CONTENT_TYPE}.")
+    offset = _number(upload_offset, "Upload-Offset")
+    async with server.transfers.held(upload) as wanted:
+        _require_kept(server, user, upload)
+        present = upload.offset
+        if offset != present:
+            # The header tells the client that this is no refusal of the file.
+            raise HTTPException(409, f"The upload goes on at byte {present}.", {"Upload-Offset": str(present)})
+        if offset + int(request.headers.get("content-length", "0")) > upload.size:
+            raise HTTPException(413, "There is more than was announced.")
+        if not upload.taken:
+            await _receive(server, upload, offset, request, wanted)
+        if upload.offset == upload.size:
+            await _finish(server, user, upload)
+        return Response(status_code=204, headers={"Upload-Offset": str(upload.offset)})
+
+
+@router.delete("/{uuid}", status_code=204)
+async def end_upload(uuid: str, request: Request, user: CurrentUser) -> Response:
+    """Delete an unfinished upload."""
+    server = server_of(request)
+    upload = _find(server, user, uuid)
+    async with server.transfers.held(upload):
+        if not upload.taken:
+            await to_thread.run_sync(server.uploads.forget, upload, limiter=server.transfers.writers)
+    return Response(status_code=204)
+
+
+async def _receive(server: Server, upload: Upload, offset: int, request: Request, wanted: asyncio.Future[None]) -> None:
+    """Append the body of a request until it ends, breaks off, or another request wants to continue the upload.
+
+    Raises
+    ------
+    HTTPException
+        When there is more than was announced; nothing of this request is kept then.
+    DiskError
+        When the disk is full; what was written before is kept.
+    """
+    begin, held, more = offset, bytearray(), True
+    while more:
+        receiving = asyncio.ensure_future(request.receive())
+        await asyncio.wait((receiving, wanted), return_when=asyncio.FIRST_COMPLETED)
+        if not receiving.done():
+            receiving.cancel()
+            more = False
+        else:
+            message = receiving.result()
+            more = message["type"] == "http.request" and message.get("more_body", False)
+            held += message.get("body", b"")
+        if offset + len(held) > upload.size:
+            await to_thread.run_sync(upload.cut, begin, limiter=server.transfers.writers)
+            raise HTTPException(413, "There is more than was announced.")
+        if held and (len(held) >= _PART or not more):
+            await to_thread.run_sync(upload.append, held, offset, limiter=server.transfers.writers)
+            offset, held = offset + len(held), bytearray()
+
+
+async def _finish(server: Server, user: str, upload: Upload) -> None:
+    """Take a complete upload into its project; a refused one is deleted, one that the disk refused stays."""
+    if upload.taken:
+        return
+    await to_thread.run_sync(_take_in, server, user, upload, limiter=server.transfers.checkers)
+
+
+def _take_in(server: Server, user: str, upload: Upload) -> None:
+    library = server.library(user)
+    try:
+        project = library.project(upload.project)
+        upload.force_to_disk()
+        sha256 = file_sha256(upload.file)
+        if upload.sha256 and upload.sha256 != sha256:
+            raise FormatError(f"{upload.filename} was damaged on its way. Choose it again.")
+        if is_video(upload.file, upload.filename):
+            video = take_in_video(project, upload.file, upload.filename, sha256)
+            server.uploads.mark_taken(upload)
+            server.queue.submit(project, ["frames", str(video), f"--out={project.photos}"])
+        else:
+            take_in_photo(project, upload.file, upload.filename, sha256, server.settings)
+            server.uploads.mark_taken(upload)
+    except DiskError:
+        raise
+    except HeritageError:
+        if not upload.taken:
+            server.uploads.forget(upload)
+        raise
+    server.feeds.publish(project.folder, "photos")
+
+
+def _begin(server: Server, user: str, metadata: dict[str, str], size: int) -> Upload:
+    """Refuse an upload before its first byte, or begin it."""
+    library = server.library(user)
+    library.project(metadata.get("project", ""))
+    name = photo_name(metadata.get("filename", ""))
+    if size == 0:
+        raise HTTPException(400, "The file is empty.")
+    limit = server.settings.max_video_bytes if is_video_name(name) else server.settings.max_photo_bytes
+    if size > limit:
+        raise HTTPException(413, f"{name} is larger than {limit / 1e6:,.0f} MB.")
+    sha256 = metadata.get("sha256", "")
+    if sha256 and not _SHA256.fullmatch(sha256):
+        raise HTTPException(400, "The metadata sha256 is not a SHA-256 in small letters.")
+    return server.uploads.begin(
+        user, library.uploads, project=metadata["project"], filename=name, size=size, sha256=sha256,
+        used_bytes=library.used_bytes,
+    )  # fmt: skip
+
+
+def _find(server: Server, user: str, upload_id: str) -> Upload:
+    upload = server.uploads.find(user, upload_id)
+    if upload is None:
         raise HTTPException(404, "There is no such upload.")
+    return upload
 
 
-def _folder(request: Request, user: CurrentUser) -> Callable[[dict[str, Any]], dict[str, str]]:
-    """Return a function that names the folder of the user's unfinished uploads."""
-    folder = server_of(request).library(user).uploads
-    folder.mkdir(parents=True, exist_ok=True)
-    return lambda _: {"files_dir": str(folder)}
+def _require_kept(server: Server, user: str, upload: Upload) -> None:
+    """Check that the request that held the upload before has not ended it."""
+    if _find(server, user, upload.id) is not upload:
+        raise ProjectError("There is no such upload.")
 
 
-def _before(request: Request, user: CurrentUser) -> Callable[[dict[str, Any], dict[str, Any]], Awaitable[None]]:
-    """Return a function that refuses an upload before its first byte."""
-    server = server_of(request)
-    library = server.library(user)
-
-    def check(metadata: dict[str, Any], upload: dict[str, Any]) -> None:
-        library.project(str(metadata.get("project", "")))
-        name = photo_name(str(metadata.get("filename", "")))
-        size = upload.get("size")
-        if not isinstance(size, int) or size <= 0:
-            raise HTTPException(400, "The file is empty.")
-        limit = server.settings.max_video_bytes if is_video_name(name) else server.settings.max_photo_bytes
-        if size > limit:
-            raise HTTPException(413, f"{name} is larger than {limit / 1e6:,.0f} MB.")
-        library.require_space(size)
-        n_open = sum(1 for _ in library.uploads.glob("*.info")) if library.uploads.is_dir() else 0
-        if n_open >= server.settings.max_open_uploads:
-            raise HTTPException(429, f"{n_open} uploads have begun and not ended. End some of them first.")
-
-    async def before(metadata: dict[str, Any], upload: dict[str, Any]) -> None:
-        await run_in_threadpool(check, metadata, upload)
-
-    return before
+def _number(text: str, name: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > _MAX_DIGITS:
+        raise HTTPException(400, f"The header {name} must be a number of bytes.")
+    return int(text)
 
 
-def _when_complete(request: Request, user: CurrentUser) -> Callable[[str, dict[str, Any]], Awaitable[None]]:
-    """Return a function that takes a complete upload into its project."""
-    server = server_of(request)
-    library = server.library(user)
-
-    def take_in(path: str, metadata: dict[str, Any]) -> None:
-        file = Path(path)
+def _metadata(text: str) -> dict[str, str]:
+    """Return the pairs of ``Upload-Metadata``: names with values in Base64."""
+    found = {}
+    for pair in filter(None, (part.strip() for part in text.split(","))):
+        name, _, value = pair.partition(" ")
         try:
-            project = library.project(str(metadata.get("project", "")))
-            filename = str(metadata.get("filename", ""))
-            if is_video(file, filename):
-                video = take_in_video(project, file, filename)
-                server.queue.submit(project, ["frames", str(video), f"--out={project.photos}"])
-            else:
-                take_in_photo(project, file, filename, server.settings)
-        finally:
-            delete_derived(library.uploads, file.name)
-            delete_derived(library.uploads, f"{file.name}.info")
-        server.feeds.publish(project.folder, "photos")
-
-    async def complete(path: str, metadata: dict[str, Any]) -> None:
-        await run_in_threadpool(take_in, path, metadata)
-
-    return complete
+            found[name] = base64.b64decode(value.strip(), validate=True).decode()
+        except (binascii.Error, UnicodeDecodeError) as error:
+            raise HTTPException(400, "The header Upload-Metadata is not Base64 of UTF-8.") from error
+    return found

@@ -6,15 +6,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Query, Request
+from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
 from ...files import path_within
 from ...refused_prompts import read_not_found
 from ...scene import Camera, focal_and_center, looked_at, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
-from ..downloads import MEDIA_TYPES, download_name, exported_file
+from ..downloads import MEDIA_TYPES, download_name
 from ..library import NotFound
-from ..small_photos import small_photo
 
 __all__ = ["router"]
 
@@ -49,9 +49,14 @@ def read_cameras(project: CurrentProject) -> dict[str, Any]:
 
 
 @router.get("/views/{photo}")
-def read_view(photo: str, project: CurrentProject, side: Annotated[int, Query(ge=1, le=1600)] = 1600) -> FileResponse:
+async def read_view(
+    photo: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = 1600
+) -> FileResponse:
     """Return the photo that clicks refer to, upright, with its lens distortion."""
-    return FileResponse(small_photo(project.photo(photo), project.cache, side), media_type="image/jpeg")
+    small = await server_of(request).work.small_photo(
+        await run_in_threadpool(project.photo, photo), project.cache, side
+    )
+    return FileResponse(small, media_type="image/jpeg")
 
 
 @router.get("/views/{photo}/pixel")
@@ -83,17 +88,20 @@ def read_candidate(number: int, project: CurrentProject) -> FileResponse:
 
 
 @router.get("/scene.ply")
-def read_scene(project: CurrentProject) -> FileResponse:
+async def read_scene(project: CurrentProject, request: Request) -> FileResponse:
     """Return the scene for the viewer, in the frame of the cameras."""
-    return FileResponse(exported_file(project, None, "ply", "world"), media_type=MEDIA_TYPES["ply"])
+    file = await server_of(request).work.exported(project, None, "ply", "world")
+    return FileResponse(file, media_type=MEDIA_TYPES["ply"])
 
 
 @router.get("/export")
-def download_scene(
-    project: CurrentProject, file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")]
+async def download_scene(
+    project: CurrentProject,
+    request: Request,
+    file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")],
 ) -> FileResponse:
     """Return the whole scene as a file to keep."""
-    file = exported_file(project, None, file_format)
+    file = await server_of(request).work.exported(project, None, file_format)
     return FileResponse(file, media_type=MEDIA_TYPES[file_format], filename=download_name(project.title, file_format))
 
 

@@ -11,6 +11,7 @@ import pytest
 from engine.errors import Cancelled, PhotoError
 from engine.events import ignore_events, never_stop
 from engine.photos import extract_frames, is_video
+from engine.photos import video as video_module
 from engine.photos.settings import VideoSettings
 
 from .opencv import read_picture
@@ -104,3 +105,19 @@ def test_what_is_no_video_is_refused(tmp_path: Path, content: bytes) -> None:
 def test_video_that_is_too_short_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PhotoError, match="2 usable frames, and 4 are needed"):
         frames_of(write_video(tmp_path / "a.mp4", [0, 4]), tmp_path / "out")
+
+
+def test_list_of_other_files_is_no_video_whatever_its_name(tmp_path: Path) -> None:
+    write_video(tmp_path / "secret.mp4", [0, 10, 20, 30, 40, 50])
+    lists = {
+        "concat.mp4": b"ffconcat version 1.0\nfile secret.mp4\n",
+        "playlist.mov": b"#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nsecret.mp4\n#EXT-X-ENDLIST\n",
+    }
+    for name, content in lists.items():
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(PhotoError, match=f"{name} is not a video that can be read"):
+            extract_frames(
+                tmp_path / name, tmp_path / "out", SETTINGS, emit=ignore_events, should_stop=never_stop, prefix="f"
+            )
+        assert not video_module._opened(tmp_path / name).isOpened()
+    assert not list((tmp_path / "out").glob("*.jpg"))

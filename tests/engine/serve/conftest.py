@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import base64
+import re
+import subprocess
+import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterator
@@ -36,6 +39,28 @@ say("stage_started", stage="training")
 say("progress", stage="training", fraction=0.5, seconds_left=3.0, message="")
 say("metric", stage="training", name="psnr", value=21.5, step=10, seconds=1.5)
 """
+
+ROOT = Path(__file__).resolve().parents[3]
+PROGRAM = """
+import sys
+from pathlib import Path
+from engine.serve import run
+run.PAGE = Path(sys.argv[1])
+from engine.serve import app
+app.create_app.__defaults__ = (Path(sys.argv[1]),)
+from engine.cli import main
+sys.exit(main(sys.argv[2:]))
+"""
+
+QUICK = """
+from engine.serve import ServeSettings
+ServeSettings.header_seconds = 0.2
+ServeSettings.__init__.__defaults__ = tuple(
+    0.2 if name == "header_seconds" else value
+    for name, value in zip(list(ServeSettings.__dataclass_fields__)[1:], ServeSettings.__init__.__defaults__)
+)
+"""
+"""A server that gives a request hardly any time."""
 
 
 @dataclass
@@ -141,3 +166,31 @@ def make_client(tmp_path: Path, page: Path, fake_engine: Callable[[str], None]) 
 @pytest.fixture
 def client(make_client: Callable[..., Client]) -> Client:
     return make_client()
+
+
+@pytest.fixture
+def start(page: Path, tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+    """Return a function that starts a server with options, and returns its process and address."""
+    running: list[subprocess.Popen[str]] = []
+
+    def begin(*options: str, quick: bool = False) -> tuple[subprocess.Popen[str], str]:
+        words = ["serve", "--events", f"--data={tmp_path / 'data'}", "--port=0", *options]
+        program = (QUICK if quick else "") + PROGRAM
+        process = subprocess.Popen(
+            [sys.executable, "-c", program, str(page), *words], cwd=ROOT, stdout=subprocess.PIPE, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+        running.append(process)
+        assert process.stdout is not None
+        said = ""
+        while (found := re.search(r"https?://[^ ]+/", said)) is None:
+            line = process.stdout.readline()
+            assert line, said
+            said += line
+        (tmp_path / "said.txt").write_text(said)
+        return process, found[0]
+
+    yield begin
+    for process in running:
+        process.kill()
+        process.communicate()

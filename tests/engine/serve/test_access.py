@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import logging
+import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
 
 from engine.errors import SettingsError
-from engine.serve import Accounts
+from engine.serve import Accounts, certificate_files
 
 from .conftest import API, Client, jpeg
 
@@ -56,10 +58,14 @@ def test_token_signs_in_and_out(two_users: tuple[Client, str, str]) -> None:
     assert sign_in(client.http, "wrong") == 401
     assert sign_in(client.http, ada) == 200
     assert client.http.get(f"{API}/session").json()["user"] == "ada"
-    cookie = next(one for one in client.http.cookies.jar if one.name == "session")
+    cookie = next(one for one in client.http.cookies.jar if one.name.startswith("session"))
     assert cookie.secure and cookie.has_nonstandard_attr("HttpOnly")
     assert client.http.delete(f"{API}/session").status_code == 204
     assert client.http.get(f"{API}/projects").status_code == 401
+    # A copy of the cookie is worthless too, also to the next server.
+    client.http.cookies.set(cookie.name, str(cookie.value), domain="testserver.local", path="/")
+    assert client.http.get(f"{API}/projects").status_code == 401
+    assert Accounts(client.data).user_of_session(str(cookie.value)) is None
 
 
 def test_projects_of_others_cannot_be_seen_changed_or_guessed(two_users: tuple[Client, str, str]) -> None:
@@ -125,6 +131,34 @@ def test_new_token_ends_the_sessions_of_the_old_one(two_users: tuple[Client, str
     assert sign_in(client.http, ada) == 401 and sign_in(client.http, again) == 200
     Accounts(client.data).remove("ada")
     assert client.http.get(f"{API}/projects").status_code == 401
+
+
+def test_two_servers_of_a_computer_have_cookies_of_their_own(tmp_path: Path) -> None:
+    first, second = Accounts(tmp_path / "a"), Accounts(tmp_path / "b")
+    assert first.cookie_name != second.cookie_name == Accounts(tmp_path / "b").cookie_name
+
+
+def test_code_of_the_address_signs_in_once(two_users: tuple[Client, str, str]) -> None:
+    client = two_users[0]
+    accounts: Accounts = client.http.app.state.server.accounts  # type: ignore[attr-defined]
+    code = accounts.new_code("ada")
+    assert sign_in(client.http, code) == 200 and client.http.get(f"{API}/session").json()["user"] == "ada"
+    assert sign_in(client.http, code) == 401
+
+
+def test_secrets_are_nobody_elses_from_their_first_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    modes = []
+    real = os.open
+
+    def noting(path: Any, flags: int, mode: int = 0o777, **rest: Any) -> int:
+        modes.append(mode)
+        return real(path, flags, mode, **rest)
+
+    monkeypatch.setattr(os, "open", noting)
+    Accounts(tmp_path).add("ada")
+    certificate_files(tmp_path, ["127.0.0.1"])
+    # The certificate is for everybody, and opened otherwise.
+    assert modes == [0o600] * 3
 
 
 def test_session_outlives_the_server_and_expires(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from engine.serve import ServeSettings, library
+from engine.serve.access import CLAIM
 from engine.serve.guards import RequestLimits
 
 from .conftest import API, Client
@@ -73,6 +74,40 @@ def test_slow_client_is_given_up(tmp_path: Path) -> None:
     limits = RequestLimits(_reads_all, ServeSettings(tmp_path, read_seconds=0.05))
     first = {"type": "http.request", "body": b"{", "more_body": True}
     assert _call(limits, [first], [])[0]["status"] == 408
+
+
+def test_upload_that_trickles_is_given_up(tmp_path: Path) -> None:
+    limits = RequestLimits(_reads_all, ServeSettings(tmp_path, read_seconds=0.05, min_upload_rate=1e9))
+    sent: list[Any] = []
+
+    async def trickle() -> Any:
+        # Never a pause that is too long.
+        await asyncio.sleep(0.01)
+        return {"type": "http.request", "body": b"x", "more_body": True}
+
+    async def send(message: Any) -> None:
+        sent.append(message)
+
+    scope = {"type": "http", "method": "PATCH", "path": f"{API}/uploads/x", "headers": []}
+    asyncio.run(asyncio.wait_for(limits(scope, trickle, send), 60))
+    assert sent[0]["status"] == 408
+
+
+def test_user_has_only_so_many_requests_at_a_time(tmp_path: Path) -> None:
+    claims: list[bool] = []
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        claims.append(scope[CLAIM]("ada"))
+        if len(claims) < 4:
+            await limits(dict(scope), receive, send)
+        await send({"type": "http.response.start", "status": 200, "headers": []})
+
+    limits = RequestLimits(app, ServeSettings(tmp_path, max_user_requests=3))
+    _call(limits, [], [])
+    assert claims == [True, True, True, False]
+    claims.clear()
+    _call(limits, [], [])
+    assert claims == [True, True, True, False]
 
 
 def test_body_without_a_stated_length_is_limited_too(tmp_path: Path) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,43 +19,6 @@ from engine.serve.certificate import certificate_files
 from tests.conftest import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[3]
-PROGRAM = """
-import sys
-from pathlib import Path
-from engine.serve import run
-run.PAGE = Path(sys.argv[1])
-from engine.serve import app
-app.create_app.__defaults__ = (Path(sys.argv[1]),)
-from engine.cli import main
-sys.exit(main(sys.argv[2:]))
-"""
-
-
-@pytest.fixture
-def start(page: Path, tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
-    """Return a function that starts a server with options, and returns its process and address."""
-    running: list[subprocess.Popen[str]] = []
-
-    def begin(*options: str) -> tuple[subprocess.Popen[str], str]:
-        words = ["serve", "--events", f"--data={tmp_path / 'data'}", "--port=0", *options]
-        process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, str(page), *words], cwd=ROOT, stdout=subprocess.PIPE, text=True,
-            start_new_session=True,
-        )  # fmt: skip
-        running.append(process)
-        assert process.stdout is not None
-        said = ""
-        while (found := re.search(r"https?://[^ ]+/", said)) is None:
-            line = process.stdout.readline()
-            assert line, said
-            said += line
-        (tmp_path / "said.txt").write_text(said)
-        return process, found[0]
-
-    yield begin
-    for process in running:
-        process.kill()
-        process.communicate()
 
 
 def test_server_says_where_it_is_and_ends_when_asked(start: Callable[..., tuple[subprocess.Popen[str], str]]) -> None:

@@ -58,6 +58,17 @@ export function problemText(status, body) {
   return `The server could not do this (error ${status}). Try again later.`;
 }
 
+/** Return this browser's name for itself, by which the server counts the streams of all its tabs. */
+function browserName() {
+  const key = "heritage browser";
+  try {
+    if (!localStorage.getItem(key)) localStorage.setItem(key, Math.random().toString(36).slice(2));
+    return localStorage.getItem(key);
+  } catch {
+    return ""; // Storage is switched off: the tabs cannot know of each other.
+  }
+}
+
 function remember(session) {
   csrf = session?.csrf ?? "";
   return session;
@@ -74,13 +85,18 @@ export const renameProject = (id, title) => request("PATCH", address("projects",
 export const deleteProject = (id) => request("DELETE", address("projects", id));
 
 export const photoUrl = (id, name, side) => `${address("projects", id, "photos", name)}?side=${side}`;
+/** Move a photo or video to the trash; return {id, name, bytes}, whose id brings it back. */
 export const deletePhoto = (id, name) => request("DELETE", address("projects", id, "photos", name));
+export const restorePhoto = (id, item) => request("POST", address("projects", id, "trash", item, "restore"));
+export const listDeletedProjects = () => request("GET", address("trash"));
+export const restoreProject = (item) => request("POST", address("trash", item, "restore"));
+export const emptyTrash = () => request("DELETE", address("trash"));
 
 export const startJob = (id, job) => request("POST", address("projects", id, "jobs"), job);
 export const stopJob = (id, job) => request("DELETE", address("projects", id, "jobs", job));
 export const continueJob = (id, job) => request("POST", address("projects", id, "jobs", job, "continue"));
 
-export const eventsUrl = (id) => address("projects", id, "events");
+export const eventsUrl = (id) => `${address("projects", id, "events")}?browser=${browserName()}`;
 export const previewUrl = (id, stamp) => `${address("projects", id, "preview.png")}?t=${stamp}`;
 export const getCameras = (id) => request("GET", address("projects", id, "cameras"));
 export const viewUrl = (id, photo, side) => `${address("projects", id, "views", photo)}?side=${side}`;

@@ -2,8 +2,12 @@
 
 const FIRST_WAIT = 2000;
 const LONGEST_WAIT = 30000;
+const ASK_EVERY = 5000;
 
 /**
+ * A browser has few connections to a server, so only its newest tabs keep one for events; another asks from time to time,
+ * until it is looked at again.
+ *
  * Listen to a project. `handlers` has the functions job(data), photos(), objects(), scene(), and reconnected(), which is
  * called after a gap: events may be missing then, so the project must be read again. Return a function that ends it.
  */
@@ -12,8 +16,11 @@ export function listen(url, handlers) {
   let timer = 0;
   let wait = FIRST_WAIT;
   let hadGap = false;
+  let asking = 0;
 
   function open() {
+    clearInterval(asking);
+    asking = 0;
     source = new EventSource(url);
     source.onopen = () => {
       wait = FIRST_WAIT;
@@ -28,13 +35,28 @@ export function listen(url, handlers) {
       timer = setTimeout(open, wait);
       wait = Math.min(2 * wait, LONGEST_WAIT);
     };
+    source.addEventListener("displaced", giveWay);
     for (const name of ["job", "photos", "objects", "scene"]) {
       source.addEventListener(name, (event) => handlers[name](parsed(event.data)));
     }
   }
 
+  function giveWay() {
+    source.close();
+    hadGap = true;
+    asking = setInterval(() => handlers.reconnected(), ASK_EVERY);
+  }
+
+  const lookedAt = () => {
+    if (asking && document.visibilityState === "visible") open();
+  };
+  document.addEventListener("visibilitychange", lookedAt);
+  window.addEventListener("focus", lookedAt);
   open();
   return () => {
+    document.removeEventListener("visibilitychange", lookedAt);
+    window.removeEventListener("focus", lookedAt);
+    clearInterval(asking);
     clearTimeout(timer);
     source.close();
   };

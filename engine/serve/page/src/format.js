@@ -33,6 +33,7 @@ const STATES = {
   working: "Working",
   ready: "Finished",
   stopped: "Stopped",
+  damaged: "Its description is damaged: give it a new name",
 };
 
 export function stateText(state) {

@@ -1,5 +1,5 @@
 // Start of the page: who is signed in, and which screen belongs to the address.
-import { getSession, onSignedOut, signOut } from "./api.js";
+import { getSession, onSignedOut, signIn, signOut } from "./api.js";
 import { h, notify } from "./dom.js";
 import { projectScreen } from "./views/project.js";
 import { projectsScreen } from "./views/projects.js";
@@ -78,6 +78,12 @@ document.getElementById("skip").addEventListener("click", (event) => {
 window.addEventListener("hashchange", route);
 try {
   session = await getSession();
+  const code = /^#\/sign-in\/([\w-]+)$/.exec(location.hash);
+  if (code) {
+    // Of the QR code that the server showed. It serves once and must not stay in the history.
+    history.replaceState(null, "", "#/");
+    if (!session.user) session = await signIn(code[1]);
+  }
 } catch (error) {
   notify(error.message);
 }

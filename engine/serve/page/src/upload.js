@@ -1,11 +1,15 @@
 // Uploads by the tus protocol: several files at a time, with retries. The address of an unfinished upload is kept in the
-// browser, so the same file chosen again after a reload goes on where it stopped.
+// browser, so the same file chosen again after a reload goes on where it stopped. A file is known by its content: phones
+// call every photo image.jpg and give it the time at which it was chosen.
 import { Upload } from "tus-js-client";
 import { BASE, headers, problemText } from "./api.js";
 
 const AT_A_TIME = 3;
 const CHUNK = 8 * 1024 * 1024; // Most photos fit in one; a video that is interrupted loses at most this much.
-const RETRY_AFTER = [0, 1000, 3000, 5000, 10000, 20000];
+const RETRY_AFTER = [0, 1000, 3000, 5000, 10000, 20000, ...Array(60).fill(30000)]; // half an hour without a server
+const WHOLE = 64 * 1024 * 1024; // Files up to this size are hashed whole, larger ones in samples.
+const SAMPLE = 256 * 1024;
+const N_SAMPLES = 64;
 const FINAL = new Set([400, 401, 403, 404, 409, 410, 413, 415, 422, 507]); // The same request would fail again.
 
 /**
@@ -33,16 +37,25 @@ export function createUploads(project, limits, changed) {
 
   async function start(entry) {
     entry.state = "sending";
+    let known;
+    try {
+      known = await contentOf(entry.file);
+    } catch {
+      // The file was moved or changed since it was chosen.
+      if (entry.state === "sending") finish(entry, "refused", "The file cannot be read any more. Choose it again.");
+      return;
+    }
+    if (entry.state !== "sending") return;
     const upload = new Upload(entry.file, {
       endpoint: `${BASE}/uploads/`,
-      metadata: { project, filename: entry.name },
+      metadata: { project, filename: entry.name, filetype: entry.file.type, ...(known.sha256 ? { sha256: known.sha256 } : {}) },
       chunkSize: CHUNK,
       retryDelays: RETRY_AFTER,
       removeFingerprintOnSuccess: true,
       // The same photo may belong to two projects.
-      fingerprint: async ({ name, size, lastModified }) => ["heritage", project, name, size, lastModified].join("|"),
+      fingerprint: async () => ["heritage", project, known.key].join("|"),
       onBeforeRequest: (request) => setHeaders(request),
-      onShouldRetry: (error) => !FINAL.has(error.originalResponse?.getStatus()),
+      onShouldRetry: (error) => mayRetry(error.originalResponse),
       onProgress: (sent) => {
         entry.sent = sent;
         changed(files);
@@ -51,9 +64,12 @@ export function createUploads(project, limits, changed) {
       onError: (error) => finish(entry, "refused", reasonOf(error)),
     });
     entry.upload = upload;
-    const earlier = await upload.findPreviousUploads().catch(() => []);
+    // Two equal files in one list are two uploads, so that neither ends the other.
+    const inUse = new Set(files.map((other) => other.upload?.url).filter(Boolean));
+    const earlier = (await upload.findPreviousUploads().catch(() => [])).filter((each) => !inUse.has(each.uploadUrl));
+    if (entry.state !== "sending") return;
     if (earlier.length > 0) upload.resumeFromPreviousUpload(earlier[0]);
-    if (entry.state === "sending") upload.start();
+    upload.start();
   }
 
   function finish(entry, state, reason = "") {
@@ -76,6 +92,32 @@ export function createUploads(project, limits, changed) {
   }
 
   return { add, forget, stop, busy: () => files.some((entry) => entry.state === "waiting" || entry.state === "sending") };
+}
+
+/** Return {key, sha256}: what a file is known by, and the hash of all its bytes, which is empty for a large file. */
+async function contentOf(file) {
+  const facts = [file.name, file.size, file.lastModified].join("|");
+  if (!crypto.subtle) return { key: facts, sha256: "" }; // Only pages over TLS and of this computer have it.
+  if (file.size <= WHOLE) {
+    const sha256 = await hash(await file.arrayBuffer());
+    return { key: sha256, sha256 };
+  }
+  const step = (file.size - SAMPLE) / (N_SAMPLES - 1);
+  const samples = Array.from({ length: N_SAMPLES }, (_, index) => file.slice(Math.floor(index * step), Math.floor(index * step) + SAMPLE));
+  return { key: `${facts}|${await hash(await new Blob(samples).arrayBuffer())}`, sha256: "" };
+}
+
+async function hash(buffer) {
+  const bytes = new Uint8Array(await crypto.subtle.digest("SHA-256", buffer));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** Return whether the same request, or the rest of the file, may succeed later. */
+function mayRetry(response) {
+  if (!response) return true;
+  // The server has other bytes than we thought; a refused file has no offset.
+  if (response.getStatus() === 409 && response.getHeader("Upload-Offset") !== undefined) return true;
+  return !FINAL.has(response.getStatus());
 }
 
 function setHeaders(request) {

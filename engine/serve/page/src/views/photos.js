@@ -1,5 +1,6 @@
 // The photos of a project: choose, drop, take, see, remove.
 import { deletePhoto, photoUrl } from "../api.js";
+import { projectTrash } from "./trash.js";
 import { announce, during, h, notify, setText, show } from "../dom.js";
 import { megabytes, percent, plural } from "../format.js";
 import { createUploads } from "../upload.js";
@@ -37,7 +38,8 @@ export function createPhotos(context) {
   const count = h("h2", null, "Photos");
   const rejected = h("p", { class: "problem", hidden: true });
   const grid = h("ul", { class: "photos", tabindex: 0, "aria-label": "Photos" });
-  const element = h("section", { class: "card", "aria-label": "Photos" }, count, drop, uploading, refused, rejected, grid);
+  const trash = projectTrash(id, () => context.refresh());
+  const element = h("section", { class: "card", "aria-label": "Photos" }, count, drop, uploading, refused, rejected, grid, trash.element);
 
   // A file dropped beside the area must not replace the page.
   const ending = new AbortController();
@@ -105,8 +107,9 @@ export function createPhotos(context) {
   }
 
   function update(project) {
-    const { photos } = project;
-    known = photos.length;
+    const photos = [...project.photos, ...project.videos];
+    known = project.photos.length;
+    trash.update(project.removed);
     const bad = photos.filter((photo) => photo.accepted === false).length;
     setText(count, photos.length ? `Photos (${photos.length})` : "Photos");
     setText(chooseButton, photos.length ? "Add photos" : "Choose photos");

@@ -64,7 +64,7 @@ export async function projectScreen(root, session, id) {
   async function removeThis() {
     const sure = await confirmed(
       `Delete “${project.title}”?`,
-      "The photos, the scene and all objects are moved to the server's trash.",
+      "The photos, the scene and all objects are moved to the trash, below the list of projects.",
       "Delete project",
     );
     if (!sure) return;

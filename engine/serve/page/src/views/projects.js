@@ -2,6 +2,7 @@
 import { createProject, listProjects } from "../api.js";
 import { asked, during, h } from "../dom.js";
 import { date, plural, stateText } from "../format.js";
+import { deletedProjects } from "./trash.js";
 
 export async function projectsScreen(root) {
   const projects = await listProjects();
@@ -10,6 +11,11 @@ export async function projectsScreen(root) {
     h("div", { class: "row apart" }, h("h1", null, "Projects"), button),
     projects.length > 0 ? h("ul", { class: "projects" }, projects.map(item)) : welcome(),
   );
+  const trash = await deletedProjects(async () => {
+    root.replaceChildren();
+    await projectsScreen(root);
+  });
+  if (trash) root.append(trash);
   return () => {};
 }
 
