@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.cameras import check_given_cameras, estimate_cameras, read_cameras
-from engine.cameras.settings import CameraSettings
 from engine.errors import HeritageError
 from engine.events import Event, Warned
 from engine.photos import read_photos
@@ -23,7 +23,8 @@ from .cases import PhotoCase
 
 __all__ = ["Outcome", "run_case"]
 
-_SETTINGS = CameraSettings(max_side=800, max_features=800, first_octave=0)
+Float64 = NDArray[np.float64]
+
 _RIGHT = 0.03
 """Median error of the positions, in the radius of the true ones, up to which a model is right."""
 
@@ -72,14 +73,14 @@ class Outcome:
 
 def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outcome:
     """Return the outcome of a photo set, from `folder` if an earlier run stored it there."""
-    work = folder / re.sub(r"[^a-z0-9]+", "_", case.name.lower())
+    work = folder / _folder_name(case.name)
     stored = work / "outcome.json"
     if stored.is_file():
         values = json.loads(stored.read_text(encoding="utf-8"))
         return Outcome(**{**values, "causes": tuple(case.causes), "choosing": case.choosing})
     shutil.rmtree(work / "photos", ignore_errors=True)
     model = case.write(work / "photos")
-    photo_set = read_photos(work / "photos")
+    n_files = len(list((work / "photos").iterdir()))
     warned: list[str] = []
 
     def emit(event: Event) -> None:
@@ -88,24 +89,25 @@ def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outco
 
     found: dict[str, Any] = {"n_placed": 0, "error": None, "position_error": None}
     try:
+        photo_set = read_photos(work / "photos")
         if model is None:
-            cameras = estimate_cameras(photo_set, work / "sfm", _SETTINGS, emit=emit)
+            cameras = estimate_cameras(photo_set, work / "sfm", case.settings, emit=emit)
         else:
             cameras = check_given_cameras(read_cameras(model, photo_set), photo_set, emit=emit)
         health = cameras.health
+        if case.kind == "sound" and case.is_real:
+            _keep_positions(cameras, case, work)
         found.update(
             n_placed=len(cameras.cameras),
             error=cameras.reprojection_error if np.isfinite(cameras.reprojection_error) else None,
-            position_error=_position_error(cameras, case),
+            position_error=_position_error(cameras, case.positions or _whole_set(case, folder)),
             colour="" if health is None else health.colour,
             cause="" if health is None else health.cause,
             sentence="" if health is None else health.sentence,
         )
     except HeritageError as error:
         found.update(colour="refused", cause=_cause_of(str(error)), sentence=str(error))
-    outcome = Outcome(
-        name=case.name, causes=case.causes, choosing=case.choosing, n_photos=len(photo_set.photos), **found
-    )
+    outcome = Outcome(name=case.name, causes=case.causes, choosing=case.choosing, n_photos=n_files, **found)
     stored.write_text(json.dumps(dataclasses.asdict(outcome), indent=1), encoding="utf-8")
     say(f"{case.name}: {outcome.colour} {outcome.cause}")
     return outcome
@@ -117,12 +119,31 @@ def _cause_of(message: str) -> str:
     return next((cause for word, cause in words.items() if word in message), "")
 
 
-def _position_error(cameras: CameraSet, case: PhotoCase) -> float | None:
-    known = [camera for camera in cameras.cameras if camera.photo in case.positions]
+def _folder_name(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower())
+
+
+def _keep_positions(cameras: CameraSet, case: PhotoCase, work: Path) -> None:
+    """Store the positions of a whole real set under the names that `sources` gives its photos."""
+    names = {path.name: index for index, path in enumerate(sorted((work / "photos").iterdir()))}
+    found = {f"{case.source}_{names[one.photo]:02d}.jpg": one.center.tolist() for one in cameras.cameras}
+    (work / "positions.json").write_text(json.dumps(found), encoding="utf-8")
+
+
+def _whole_set(case: PhotoCase, folder: Path) -> dict[str, Float64]:
+    """Return the positions that a real set has when all its photos are used as they are, if they were found before."""
+    stored = folder / _folder_name(f"sound: {case.source}") / "positions.json"
+    if not (case.is_real and stored.is_file()) or case.kind == "sound":
+        return {}
+    return {photo: np.array(at) for photo, at in json.loads(stored.read_text(encoding="utf-8")).items()}
+
+
+def _position_error(cameras: CameraSet, positions: dict[str, Float64]) -> float | None:
+    known = [camera for camera in cameras.cameras if camera.photo in positions]
     if len(known) < 3:
         return None
     found = np.array([camera.center for camera in known])
-    true = np.array([case.positions[camera.photo] for camera in known])
+    true = np.array([positions[camera.photo] for camera in known])
     found, true = found - found.mean(0), true - true.mean(0)
     u, s, vt = np.linalg.svd(true.T @ found)
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
