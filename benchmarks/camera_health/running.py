@@ -19,7 +19,7 @@ from engine.events import Event, Warned
 from engine.photos import read_photos
 from engine.scene import CameraSet
 
-from .cases import PhotoCase
+from .cases import Kind, PhotoCase
 
 __all__ = ["Outcome", "run_case"]
 
@@ -39,11 +39,15 @@ class Outcome:
     causes : tuple of str
         Causes that name the fault; empty for a sound set.
     choosing : bool
+    kind : Kind
+    is_real : bool
+        Whether the photos are of a camera, not generated.
     n_photos, n_placed : int
     error : float or None
         Reprojection error in pixels.
     position_error : float or None
-        Median error of the positions, in the radius of the true ones; None where these are unknown.
+        Median error of the positions, in the radius of the true ones, or for a spoilt real set of those that its whole
+        sound set has; None where these are unknown.
     colour, cause, sentence : str
         The finding; ``"refused"`` as colour where there was an error, whose sentence is then that of the error.
     """
@@ -51,6 +55,8 @@ class Outcome:
     name: str
     causes: tuple[str, ...]
     choosing: bool
+    kind: Kind
+    is_real: bool
     n_photos: int
     n_placed: int
     error: float | None
@@ -65,10 +71,23 @@ class Outcome:
         return self.position_error is not None and self.position_error <= _RIGHT
 
     @property
-    def is_named(self) -> bool:
-        """Whether the fault was named, or mended."""
-        named = self.colour != "green" and self.cause in self.causes
-        return named or (self.is_right and self.colour != "red" and "given" not in " ".join(self.causes))
+    def verdict(self) -> str:
+        """``green`` or ``false alarm`` of a sound set; ``named``, ``mended``, ``other cause`` or ``missed`` of another.
+
+        Given cameras are not mended: they are named or not.
+        """
+        if not self.causes:
+            return "green" if self.colour == "green" else "false alarm"
+        if self.colour != "green" and self.cause in self.causes:
+            return "named"
+        if self.is_right and self.colour != "red" and self.kind != "swapped":
+            return "mended"
+        return "missed" if self.colour == "green" else "other cause"
+
+    @property
+    def is_as_it_should_be(self) -> bool:
+        """Whether a sound set is green, or the fault of another was named or mended."""
+        return self.verdict in ("green", "named", "mended")
 
 
 def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outcome:
@@ -77,7 +96,7 @@ def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outco
     stored = work / "outcome.json"
     if stored.is_file():
         values = json.loads(stored.read_text(encoding="utf-8"))
-        return Outcome(**{**values, "causes": tuple(case.causes), "choosing": case.choosing})
+        return Outcome(**{**values, **_of_case(case)})
     shutil.rmtree(work / "photos", ignore_errors=True)
     model = case.write(work / "photos")
     n_files = len(list((work / "photos").iterdir()))
@@ -111,6 +130,11 @@ def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outco
     stored.write_text(json.dumps(dataclasses.asdict(outcome), indent=1), encoding="utf-8")
     say(f"{case.name}: {outcome.colour} {outcome.cause}")
     return outcome
+
+
+def _of_case(case: PhotoCase) -> dict[str, Any]:
+    names = ("name", "causes", "choosing", "kind", "is_real")
+    return {name: getattr(case, name) for name in names}
 
 
 def _cause_of(message: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
@@ -209,7 +210,7 @@ def with_lens_of_odd_photos(model: pycolmap.Reconstruction, focal: float) -> pyc
     changed = pycolmap.Reconstruction()
     for image_id in sorted(model.reg_image_ids()):
         image = model.image(image_id)
-        own = pycolmap.Camera(model.camera(image.camera_id))
+        own = copy.deepcopy(model.camera(image.camera_id))
         own.camera_id = image_id
         if image_id % 2:
             own.params = [focal, *own.params[1:]]
