@@ -21,10 +21,11 @@ from engine.scene import CameraSet
 
 from .cases import Kind, PhotoCase
 
-__all__ = ["Outcome", "run_case"]
+__all__ = ["Outcome", "is_stored", "run_case"]
 
 Float64 = NDArray[np.float64]
 
+_OUTCOME = "outcome.json"
 _RIGHT = 0.03
 """Median error of the positions, in the radius of the true ones, up to which a model is right."""
 
@@ -90,10 +91,15 @@ class Outcome:
         return self.verdict in ("green", "named", "mended")
 
 
+def is_stored(case: PhotoCase, folder: Path) -> bool:
+    """Return whether an earlier run stored the outcome of a photo set in `folder`."""
+    return (folder / _folder_name(case.name) / _OUTCOME).is_file()
+
+
 def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outcome:
     """Return the outcome of a photo set, from `folder` if an earlier run stored it there."""
     work = folder / _folder_name(case.name)
-    stored = work / "outcome.json"
+    stored = work / _OUTCOME
     if stored.is_file():
         values = json.loads(stored.read_text(encoding="utf-8"))
         return Outcome(**{**values, **_of_case(case)})
