@@ -54,7 +54,7 @@ with several zooms 3 to 6."""  # chosen on museum_room, sakharov_statue32, banan
 _FEW_PLACED = 0.6
 """Share of placed photos below which most of a set is missing."""
 _SOME_MISSING = 0.8
-"""Share of placed photos below which zooms that were told apart are said to be the cause."""
+"""Share of placed photos below which several zooms are said to be the cause."""
 _WEAK_TRACKS = 0.25
 """Share of points seen by three photos below which a model hangs together by pairs. Sound sets have 0.76 to 1."""
 _NAMES = 6
