@@ -132,7 +132,7 @@ def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outco
         )
     except HeritageError as error:
         found.update(colour="refused", cause=_cause_of(str(error)), sentence=str(error))
-    outcome = Outcome(name=case.name, causes=case.causes, choosing=case.choosing, n_photos=n_files, **found)
+    outcome = Outcome(**_of_case(case), n_photos=n_files, **found)
     stored.write_text(json.dumps(dataclasses.asdict(outcome), indent=1), encoding="utf-8")
     say(f"{case.name}: {outcome.colour} {outcome.cause}")
     return outcome
