@@ -2,6 +2,7 @@
 
     python -m benchmarks.camera_health --doc docs/photos.md
 
-The generated rooms are those of ``demo``; the real sets are read from ``GAUSSIAN_HERITAGE_DATA``. Photos have at most
-800 pixels, and most sets 16 photos, so that all of it takes about 15 minutes on two idle cores.
+The generated rooms are those of ``demo`` and boxes that are drawn here; the real sets are read from
+``GAUSSIAN_HERITAGE_DATA``. Most sets have 16 photos of at most 800 pixels. What was found is stored, and a stopped run
+continues. All of it takes about half an hour of CPU.
 """

@@ -11,19 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from engine.cameras import check_given_cameras, estimate_cameras, read_cameras
-from engine.cameras.settings import CameraSettings
 from engine.errors import HeritageError
 from engine.events import Event, Warned
 from engine.photos import read_photos
 from engine.scene import CameraSet
 
-from .cases import PhotoCase
+from .cases import Kind, PhotoCase
 
-__all__ = ["Outcome", "run_case"]
+__all__ = ["Outcome", "is_stored", "run_case"]
 
-_SETTINGS = CameraSettings(max_side=800, max_features=800, first_octave=0)
+Float64 = NDArray[np.float64]
+
+_OUTCOME = "outcome.json"
 _RIGHT = 0.03
 """Median error of the positions, in the radius of the true ones, up to which a model is right."""
 
@@ -38,11 +40,15 @@ class Outcome:
     causes : tuple of str
         Causes that name the fault; empty for a sound set.
     choosing : bool
+    kind : Kind
+    is_real : bool
+        Whether the photos are of a camera, not generated.
     n_photos, n_placed : int
     error : float or None
         Reprojection error in pixels.
     position_error : float or None
-        Median error of the positions, in the radius of the true ones; None where these are unknown.
+        Median error of the positions, in the radius of the true ones, or for a spoilt real set of those that its whole
+        sound set has; None where these are unknown.
     colour, cause, sentence : str
         The finding; ``"refused"`` as colour where there was an error, whose sentence is then that of the error.
     """
@@ -50,6 +56,8 @@ class Outcome:
     name: str
     causes: tuple[str, ...]
     choosing: bool
+    kind: Kind
+    is_real: bool
     n_photos: int
     n_placed: int
     error: float | None
@@ -64,22 +72,40 @@ class Outcome:
         return self.position_error is not None and self.position_error <= _RIGHT
 
     @property
-    def is_named(self) -> bool:
-        """Whether the fault was named, or mended."""
-        named = self.colour != "green" and self.cause in self.causes
-        return named or (self.is_right and self.colour != "red" and "given" not in " ".join(self.causes))
+    def verdict(self) -> str:
+        """``green`` or ``false alarm`` of a sound set; ``named``, ``mended``, ``other cause`` or ``missed`` of another.
+
+        Given cameras are not mended: they are named or not.
+        """
+        if not self.causes:
+            return "green" if self.colour == "green" else "false alarm"
+        if self.colour != "green" and self.cause in self.causes:
+            return "named"
+        if self.is_right and self.colour != "red" and self.kind != "swapped":
+            return "mended"
+        return "missed" if self.colour == "green" else "other cause"
+
+    @property
+    def is_as_it_should_be(self) -> bool:
+        """Whether a sound set is green, or the fault of another was named or mended."""
+        return self.verdict in ("green", "named", "mended")
+
+
+def is_stored(case: PhotoCase, folder: Path) -> bool:
+    """Return whether an earlier run stored the outcome of a photo set in `folder`."""
+    return (folder / _folder_name(case.name) / _OUTCOME).is_file()
 
 
 def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outcome:
     """Return the outcome of a photo set, from `folder` if an earlier run stored it there."""
-    work = folder / re.sub(r"[^a-z0-9]+", "_", case.name.lower())
-    stored = work / "outcome.json"
+    work = folder / _folder_name(case.name)
+    stored = work / _OUTCOME
     if stored.is_file():
         values = json.loads(stored.read_text(encoding="utf-8"))
-        return Outcome(**{**values, "causes": tuple(case.causes), "choosing": case.choosing})
+        return Outcome(**{**values, **_of_case(case)})
     shutil.rmtree(work / "photos", ignore_errors=True)
     model = case.write(work / "photos")
-    photo_set = read_photos(work / "photos")
+    n_files = len(list((work / "photos").iterdir()))
     warned: list[str] = []
 
     def emit(event: Event) -> None:
@@ -88,27 +114,33 @@ def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outco
 
     found: dict[str, Any] = {"n_placed": 0, "error": None, "position_error": None}
     try:
+        photo_set = read_photos(work / "photos")
         if model is None:
-            cameras = estimate_cameras(photo_set, work / "sfm", _SETTINGS, emit=emit)
+            cameras = estimate_cameras(photo_set, work / "sfm", case.settings, emit=emit)
         else:
             cameras = check_given_cameras(read_cameras(model, photo_set), photo_set, emit=emit)
         health = cameras.health
+        if case.kind == "sound" and case.is_real:
+            _keep_positions(cameras, case, work)
         found.update(
             n_placed=len(cameras.cameras),
             error=cameras.reprojection_error if np.isfinite(cameras.reprojection_error) else None,
-            position_error=_position_error(cameras, case),
+            position_error=_position_error(cameras, case.positions or _whole_set(case, folder)),
             colour="" if health is None else health.colour,
             cause="" if health is None else health.cause,
             sentence="" if health is None else health.sentence,
         )
     except HeritageError as error:
         found.update(colour="refused", cause=_cause_of(str(error)), sentence=str(error))
-    outcome = Outcome(
-        name=case.name, causes=case.causes, choosing=case.choosing, n_photos=len(photo_set.photos), **found
-    )
+    outcome = Outcome(**_of_case(case), n_photos=n_files, **found)
     stored.write_text(json.dumps(dataclasses.asdict(outcome), indent=1), encoding="utf-8")
     say(f"{case.name}: {outcome.colour} {outcome.cause}")
     return outcome
+
+
+def _of_case(case: PhotoCase) -> dict[str, Any]:
+    names = ("name", "causes", "choosing", "kind", "is_real")
+    return {name: getattr(case, name) for name in names}
 
 
 def _cause_of(message: str) -> str:
@@ -117,12 +149,31 @@ def _cause_of(message: str) -> str:
     return next((cause for word, cause in words.items() if word in message), "")
 
 
-def _position_error(cameras: CameraSet, case: PhotoCase) -> float | None:
-    known = [camera for camera in cameras.cameras if camera.photo in case.positions]
+def _folder_name(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "_", name.lower())
+
+
+def _keep_positions(cameras: CameraSet, case: PhotoCase, work: Path) -> None:
+    """Store the positions of a whole real set under the names that `sources` gives its photos."""
+    names = {path.name: index for index, path in enumerate(sorted((work / "photos").iterdir()))}
+    found = {f"{case.source}_{names[one.photo]:02d}.jpg": one.center.tolist() for one in cameras.cameras}
+    (work / "positions.json").write_text(json.dumps(found), encoding="utf-8")
+
+
+def _whole_set(case: PhotoCase, folder: Path) -> dict[str, Float64]:
+    """Return the positions that a real set has when all its photos are used as they are, if they were found before."""
+    stored = folder / _folder_name(f"sound: {case.source}") / "positions.json"
+    if not (case.is_real and stored.is_file()) or case.kind == "sound":
+        return {}
+    return {photo: np.array(at) for photo, at in json.loads(stored.read_text(encoding="utf-8")).items()}
+
+
+def _position_error(cameras: CameraSet, positions: dict[str, Float64]) -> float | None:
+    known = [camera for camera in cameras.cameras if camera.photo in positions]
     if len(known) < 3:
         return None
     found = np.array([camera.center for camera in known])
-    true = np.array([case.positions[camera.photo] for camera in known])
+    true = np.array([positions[camera.photo] for camera in known])
     found, true = found - found.mean(0), true - true.mean(0)
     u, s, vt = np.linalg.svd(true.T @ found)
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])

@@ -7,7 +7,7 @@ import functools
 import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,12 @@ from ..settings import to_dict
 from ..system import native_path, replace_file
 from .colmap import pycolmap
 from .colmap_calls import opened_database, require_free_space, threads_for_colmap, translated, wait_for
-from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
+from .feature_scales import feature_sizes
+from .pairs import Pair, all_pairs, largest_descriptors, largest_rows, promising_pairs
 from .settings import CameraSettings
 from .working_copies import WorkingCopy, plan_copies, write_copies, write_default_masks
 
-__all__ = ["SfmWorkspace", "largest_features", "match_features"]
+__all__ = ["LargestFeatures", "SfmWorkspace", "largest_features", "match_features"]
 
 _Report = Callable[[float, str], None]
 
@@ -254,18 +255,26 @@ def _no_progress() -> None:
     """Report no progress within a batch."""
 
 
-def largest_features(database: Path, names: Sequence[str]) -> list[NDArray[np.float32]]:
-    """Return the descriptors [K, 128] of the largest features of each copy, see `largest_descriptors`."""
-    descriptors = []
+class LargestFeatures(NamedTuple):
+    """Descriptors [K, 128], as `largest_descriptors` returns them, and positions [K, 2] in pixels of the copy."""
+
+    descriptors: NDArray[np.float32]
+    positions: NDArray[np.float32]
+
+
+def largest_features(database: Path, names: Sequence[str]) -> list[LargestFeatures]:
+    """Return the largest features of each copy."""
+    found = []
     with opened_database(database) as opened:
         ids = {image.name: image.image_id for image in opened.read_all_images()}
         for name in names:
             keypoints = opened.read_keypoints(ids[name])
-            # Columns: x, y and the feature's affine shape [[a11, a12], [a21, a22]].
-            scales = np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
+            scales = feature_sizes(keypoints)
             data = np.asarray(opened.read_descriptors(ids[name]).data)
-            descriptors.append(largest_descriptors(scales, data.reshape(-1, _DESCRIPTOR_DIM), photos=len(names)))
-    return descriptors
+            descriptors = largest_descriptors(scales, data.reshape(-1, _DESCRIPTOR_DIM), photos=len(names))
+            positions = np.asarray(keypoints)[largest_rows(scales, photos=len(names)), :2]
+            found.append(LargestFeatures(descriptors, positions))
+    return found
 
 
 def _select_pairs(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) -> list[Pair]:
@@ -273,9 +282,9 @@ def _select_pairs(workspace: SfmWorkspace, report: _Report, should_stop: StopChe
     count = len(workspace.copies)
     if count <= workspace.settings.exhaustive_up_to:
         return all_pairs(count)
-    descriptors = largest_features(workspace.database, [copy.name for copy in workspace.copies])
+    features = largest_features(workspace.database, [copy.name for copy in workspace.copies])
     return promising_pairs(
-        descriptors,
+        [one.descriptors for one in features],
         neighbours=workspace.settings.neighbours,
         report=lambda done: report(_DETECTED + (_PAIRS_SELECTED - _DETECTED) * done, "selecting pairs of photos"),
         should_stop=should_stop,

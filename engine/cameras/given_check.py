@@ -74,7 +74,7 @@ def check_given_cameras(
         names = {
             image_id: workspace.copy_of(model.image(image_id).name).photo.name for image_id in model.reg_image_ids()
         }
-    refuted = sorted(names[image_id] for image_id in refuted_images(pairs))
+    refuted = sorted(names[image_id] for image_id in refuted_images(pairs, exact=True))
     evidence = Evidence(len(photo_set.photos), len(photos.photos), camera_set.reprojection_error, pairs=pairs)
     health = judge(evidence, poses_given=True, refuted=refuted)
     if health.colour != "green":

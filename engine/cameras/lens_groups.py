@@ -7,17 +7,22 @@ with a reprojection error below a pixel. See docs/design_notes/cameras.md.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from ..events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
+from .feature_scales import relative_scales, scale_groups
 from .features import SfmWorkspace
 from .lens_trials import LensTrial, capped_error, tried_lenses
 
 __all__ = ["assign_lenses", "group_by_focal", "lenses_differ", "map_with_lenses"]
 
 MapAll = Callable[[], list[pycolmap.Reconstruction]]
+Group = tuple[pycolmap.Camera, list[int]]
+"""A lens and the image ids of the photos that share it."""
 
 _LOWER_ERROR = 0.9
 """Error with own lenses, relative to that with shared ones, from which down lenses can differ: sound sets
@@ -55,9 +60,9 @@ def map_with_lenses(
     Notes
     -----
     After the first model each photo gets its own focal length. If the error falls by a tenth or more and focal lengths
-    of one group differ by 6 %, or if a fifth of the photos could not be placed, the photos are mapped with a lens each,
-    grouped by the focal lengths found, coarsely first, and mapped again. The result is taken when it places as many
-    photos with a smaller error, or more photos.
+    of one group differ by 6 %, or if a fifth of the photos could not be placed, other groups are tried: two and three
+    groups by the sizes of common features, then a lens for each photo, grouped by the focal lengths found, coarsely
+    first. A result is taken when it places as many photos with a smaller error, or more photos.
     """
     first_lenses = _first_lenses(workspace)
     assign_lenses(workspace, first_lenses)
@@ -67,22 +72,38 @@ def map_with_lenses(
         return models
     own = tried_lenses(largest, should_stop=should_stop)
     differ = lenses_differ(largest, own)
-    if not differ and largest.num_reg_images() >= _FEW_PLACED * len(workspace.copies):
+    if not _is_doubtful(workspace, largest, differ):
         return models
-    group_of = {image_id: number for number, (_, ids) in enumerate(first_lenses) for image_id in ids}
-    begin = own.lenses if differ else {}
-    assign_lenses(workspace, [(begin.get(i, first_lenses[number][0]), [i]) for i, number in sorted(group_of.items())])
-    alone = _largest(map_all())
-    if alone is None or not _is_better(alone, largest):
-        return models
-    best = models
-    lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
-    for width in _WIDTHS:
-        groups = group_by_focal(lenses, group_of, width)
+    scales = relative_scales(workspace.database)
+
+    def mapped(groups: Sequence[Group]) -> list[pycolmap.Reconstruction]:
         placed = {image_id for _, ids in groups for image_id in ids}
-        left = [(first_lenses[number][0], [i]) for i, number in sorted(group_of.items()) if i not in placed]
+        left = [(_scaled(lens, scales[i]), [i]) for lens, ids in first_lenses for i in ids if i not in placed]
         assign_lenses(workspace, [*groups, *left])
-        found = map_all()
+        return map_all()
+
+    best = models
+    for count in (2, 3):
+        groups = _by_scale(first_lenses, scales, count)
+        found = mapped(groups) if groups else []
+        model = _largest(found)
+        if model is None or not _is_better(model, largest):
+            continue
+        best, largest = found, model
+        own = tried_lenses(model, should_stop=should_stop)
+        differ = lenses_differ(model, own)
+        if not _is_doubtful(workspace, model, differ):
+            return best
+    # Lenses of their own begin with what fits the first model, if that shows that they differ.
+    of_each = mapped([(lens, [i]) for i, lens in sorted(own.lenses.items())] if differ else [])
+    alone = _largest(of_each)
+    if alone is None or not _is_better(alone, largest):
+        return best
+    first = largest
+    lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
+    group_of = {image_id: number for number, (_, ids) in enumerate(first_lenses) for image_id in ids}
+    for width in _WIDTHS:
+        found = mapped(group_by_focal(lenses, group_of, width))
         model = _largest(found)
         if model is None or not _is_better(model, largest):
             continue
@@ -91,7 +112,31 @@ def map_with_lenses(
         if not lenses_differ(model, own):
             break
         lenses = {**lenses, **own.lenses}
+    if best is models and _is_better(alone, first, _LOWER_ERROR):
+        return of_each
     return best
+
+
+def _is_doubtful(workspace: SfmWorkspace, model: pycolmap.Reconstruction, differ: bool) -> bool:
+    return differ or model.num_reg_images() < _FEW_PLACED * len(workspace.copies)
+
+
+def _scaled(lens: pycolmap.Camera, scale: float) -> pycolmap.Camera:
+    """Return a lens whose focal length is longer by ``exp(scale)``."""
+    new = copy.deepcopy(lens)
+    params = np.array(new.params)
+    params[new.focal_length_idxs()] *= np.exp(scale)
+    new.params = params
+    return new
+
+
+def _by_scale(first_lenses: Sequence[Group], scales: dict[int, float], count: int) -> list[Group]:
+    """Return each group of photos cut into `count` by the sizes of common features, if that cuts any."""
+    cut: list[Group] = []
+    for lens, ids in first_lenses:
+        parts = scale_groups({i: scales[i] for i in ids}, count)
+        cut += [(_scaled(lens, scale), members) for scale, members in parts] or [(lens, list(ids))]
+    return cut if len(cut) > len(first_lenses) else []
 
 
 def lenses_differ(model: pycolmap.Reconstruction, own: LensTrial) -> bool:
@@ -107,7 +152,7 @@ def lenses_differ(model: pycolmap.Reconstruction, own: LensTrial) -> bool:
 
 def group_by_focal(
     lenses: dict[int, pycolmap.Camera], group_of: dict[int, int], width: float = _DIFFERENT_FOCAL
-) -> list[tuple[pycolmap.Camera, list[int]]]:
+) -> list[Group]:
     """Return groups of photos of one former group whose focal lengths differ by a factor of less than `width`.
 
     Parameters
@@ -124,7 +169,7 @@ def group_by_focal(
     list of (pycolmap.Camera, list of int)
         A lens with the median focal length, and the photos that share it.
     """
-    groups: list[tuple[pycolmap.Camera, list[int]]] = []
+    groups: list[Group] = []
     for number in sorted(set(group_of.values())):
         ids = sorted(
             (image_id for image_id in lenses if group_of[image_id] == number),
@@ -142,7 +187,7 @@ def group_by_focal(
     return groups
 
 
-def assign_lenses(workspace: SfmWorkspace, groups: Sequence[tuple[pycolmap.Camera, Iterable[int]]]) -> None:
+def assign_lenses(workspace: SfmWorkspace, groups: Sequence[Group]) -> None:
     """Give the photos of the database new lenses: one for the image ids of each group."""
     with opened_database(workspace.database) as database:
         frames = {frame.frame_id: frame for frame in database.read_all_frames()}
@@ -164,7 +209,7 @@ def assign_lenses(workspace: SfmWorkspace, groups: Sequence[tuple[pycolmap.Camer
                 database.update_image(image)
 
 
-def _first_lenses(workspace: SfmWorkspace) -> list[tuple[pycolmap.Camera, list[int]]]:
+def _first_lenses(workspace: SfmWorkspace) -> list[Group]:
     """Return the lens that each group of copies began with, whatever a stopped run assigned since."""
     with opened_database(workspace.database) as database:
         lenses = {lens.camera_id: lens for lens in database.read_all_cameras()}
@@ -181,6 +226,6 @@ def _largest(models: list[pycolmap.Reconstruction]) -> pycolmap.Reconstruction |
     return max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
 
 
-def _is_better(model: pycolmap.Reconstruction, than: pycolmap.Reconstruction) -> bool:
+def _is_better(model: pycolmap.Reconstruction, than: pycolmap.Reconstruction, lower: float = _BETTER) -> bool:
     more = model.num_reg_images() - than.num_reg_images()
-    return more > 0 or (more == 0 and capped_error(model) < _BETTER * capped_error(than))
+    return more > 0 or (more == 0 and capped_error(model) < lower * capped_error(than))

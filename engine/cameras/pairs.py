@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from ..errors import Cancelled
 from ..events import StopCheck
 
-__all__ = ["MIN_QUICK_MATCHES", "all_pairs", "largest_descriptors", "promising_pairs", "quick_matches"]
+__all__ = [
+    "MIN_QUICK_MATCHES",
+    "all_pairs",
+    "largest_descriptors",
+    "largest_rows",
+    "promising_pairs",
+    "quick_match_rows",
+    "quick_matches",
+]
 
 Float32 = NDArray[np.float32]
 Pair = tuple[int, int]
@@ -45,12 +53,17 @@ def largest_descriptors(scales: Float32, descriptors: NDArray[np.uint8], *, phot
     photos : int
         Number of photos. Above 100, fewer features are returned, because the number of pairs grows with its square.
     """
-    max_features = 600 if photos <= 100 else 300
-    # A stable sort, so that the result for equal scales does not depend on the sorting method.
-    selected = descriptors[np.argsort(-scales, kind="stable")[:max_features]].astype(np.float32)
+    selected = descriptors[largest_rows(scales, photos=photos)].astype(np.float32)
     length = np.linalg.norm(selected, axis=1, keepdims=True)
     unit: Float32 = (selected / np.maximum(length, 1.0)).astype(np.float32)
     return unit
+
+
+def largest_rows(scales: Float32, *, photos: int) -> NDArray[np.intp]:
+    """Return the rows [K] of the features [N] that `largest_descriptors` chooses."""
+    max_features = 600 if photos <= 100 else 300
+    # A stable sort, so that the result for equal scales does not depend on the sorting method.
+    return np.argsort(-scales, kind="stable")[:max_features]
 
 
 def promising_pairs(
@@ -103,8 +116,13 @@ def promising_pairs(
 
 def quick_matches(first: Float32, second: Float32) -> int:
     """Return the number of mutual best matches between descriptors [K, 128] that pass Lowe's ratio test."""
+    return len(quick_match_rows(first, second))
+
+
+def quick_match_rows(first: Float32, second: Float32) -> NDArray[np.intp]:
+    """Return the rows [M, 2] of the mutual best matches between descriptors [K, 128] that pass Lowe's ratio test."""
     if len(first) < 2 or len(second) < 2:
-        return 0
+        return np.zeros((0, 2), np.intp)
     cosine = first @ second.T
     rows = np.arange(len(first))
     best = cosine.argmax(axis=1)
@@ -115,4 +133,5 @@ def quick_matches(first: Float32, second: Float32) -> int:
     runner_up = cosine.max(axis=1)
     # For unit vectors |a - b|^2 = 2 - 2 cosine, so the ratio of distances is squared here.
     distinct = (1.0 - nearest) < _RATIO**2 * (1.0 - runner_up)
-    return int(np.count_nonzero(mutual & distinct))
+    chosen = mutual & distinct
+    return np.stack([rows[chosen], best[chosen]], axis=1)

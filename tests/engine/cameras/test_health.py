@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,11 +22,12 @@ from engine.cameras.evidence import (
     missing_share,
     strongest_pairs,
 )
+from engine.cameras.feature_scales import relative_scales
 from engine.cameras.given_check import check_given_cameras
 from engine.cameras.health import judge, refuted_images
 from engine.cameras.lens_groups import group_by_focal, lenses_differ
-from engine.cameras.lens_trials import tried_lenses
-from engine.cameras.mirrored import smaller_side
+from engine.cameras.lens_trials import LensTrial, tried_lenses
+from engine.cameras.mirrored import agreeing_as_mirrored, smaller_side
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
 from engine.events import Event, Progress, Warned, never_stop
@@ -133,6 +136,22 @@ def test_two_exchanged_files_are_told_from_their_neighbours() -> None:
     assert refuted_images(pairs) == [3, 9]
 
 
+def test_two_exchanged_neighbours_that_agree_with_each_other_are_told_where_cameras_are_exact() -> None:
+    # Neighbours that look sideways share their epipolar lines when exchanged; others lie a few pixels off.
+    def fit(a: int, b: int) -> PairFit:
+        wrong = len({a, b} & {4, 5}) == 1
+        return PairFit(a, b, 100, 0.6 if wrong else 0.95, 3.4 if wrong else 0.3)
+
+    pairs = [fit(a, b) for a in range(12) for b in (a + 1, a + 2) if b < 12]
+    assert refuted_images(pairs) == []
+    assert refuted_images(pairs, exact=True) == [4, 5]
+
+
+def test_cameras_that_are_all_less_exact_are_not_refuted() -> None:
+    pairs = [PairFit(a, b, 100, 0.9, 0.8 + 0.1 * (a % 3)) for a in range(12) for b in (a + 1, a + 2) if b < 12]
+    assert refuted_images(pairs, exact=True) == []
+
+
 def test_one_bad_pair_refutes_no_photo() -> None:
     pairs = [PairFit(a, a + 1, 100, 0.1 if a == 4 else 0.9) for a in range(10)]
     assert refuted_images(pairs) == []
@@ -163,16 +182,67 @@ def test_parts_that_were_laid_on_each_other_are_seen_by_what_is_missing() -> Non
     whole = model_of(lambda _: SHARED, noise=0.0, step=0.12)
     assert missing_share(whole) == 0.0
     # Every second photo is of a copy of the place, in which only an eighth of the things are the same.
-    folded = pycolmap.Reconstruction(whole)
+    folded = without_common_points(whole)
+    assert missing_share(folded) > 0.2
+
+
+def test_zoomed_photos_need_not_show_what_their_neighbours_show() -> None:
+    # The zoomed photos see the same points at twice the size, and features of that size are other ones.
+    zoomed = model_of(lambda i: lens("SIMPLE_PINHOLE", 250.0 if i % 2 else 500.0, 320.0, 240.0), noise=0.0, step=0.12)
+    assert missing_share(with_lens_of_odd_photos(without_common_points(zoomed), 250.0)) == 0.0
+    assert missing_share(without_common_points(zoomed)) > 0.2
+
+
+def without_common_points(whole: pycolmap.Reconstruction) -> pycolmap.Reconstruction:
+    """Return a copy in which odd and even photos have only an eighth of their points in common."""
+    model = pycolmap.Reconstruction(whole)
     for number, point_id in enumerate(sorted(whole.points3D)):
         if number % 8 == 0:
             continue
-        of_copy = [element.image_id % 2 == number % 2 for element in whole.point3D(point_id).track.elements]
-        elements = whole.point3D(point_id).track.elements
-        for element, drop in zip(elements, of_copy, strict=True):
-            if drop and folded.exists_point3D(point_id):
-                folded.delete_observation(element.image_id, element.point2D_idx)
-    assert missing_share(folded) > 0.2
+        for element in whole.point3D(point_id).track.elements:
+            if element.image_id % 2 == number % 2 and model.exists_point3D(point_id):
+                model.delete_observation(element.image_id, element.point2D_idx)
+    return model
+
+
+def with_lens_of_odd_photos(model: pycolmap.Reconstruction, focal: float) -> pycolmap.Reconstruction:
+    """Return a copy whose odd photos have a lens of another focal length."""
+    changed = pycolmap.Reconstruction()
+    for image_id in sorted(model.reg_image_ids()):
+        image = model.image(image_id)
+        own = copy.deepcopy(model.camera(image.camera_id))
+        own.camera_id = image_id
+        if image_id % 2:
+            own.params = [focal, *own.params[1:]]
+        changed.add_camera_with_trivial_rig(own)
+        copied = pycolmap.Image(name=image.name, camera_id=image_id, image_id=image_id)
+        copied.points2D = pycolmap.Point2DList([pycolmap.Point2D(point.xy) for point in image.points2D])
+        changed.add_image_with_trivial_frame(copied, image.cam_from_world())
+    for point in model.points3D.values():
+        changed.add_point3D(point.xyz, point.track, point.color)
+    return changed
+
+
+def test_other_lenses_are_tried_though_the_trial_of_all_together_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failing(model: pycolmap.Reconstruction, *arguments: Any, **options: Any) -> LensTrial:
+        if arguments and options.get("principal_point"):
+            return LensTrial(1.0, float("inf"), {})
+        return tried_lenses(model, *arguments, **options)
+
+    monkeypatch.setattr("engine.cameras.evidence.tried_lenses", failing)
+    assert finding(lambda _: lens("PINHOLE", 620.0, 500.0, 320.0, 240.0)).cause == "stretched"
+
+
+def test_matches_of_mirror_images_count_where_one_geometry_explains_them() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1.0, 1.0, (40, 3)) + (0.0, 0.0, 4.0)
+    at_first = 500.0 * points[:, :2] / points[:, 2:] + (320.0, 240.0)
+    moved = points + (0.6, 0.1, 0.2)
+    at_second = 500.0 * moved[:, :2] / moved[:, 2:] + (320.0, 240.0)
+    mirrored = np.stack([640.0 - at_second[:, 0], at_second[:, 1]], axis=1)
+    assert agreeing_as_mirrored(at_first, mirrored) == 40
+    # Fourteen matches by chance: eight fit any geometry, and a few more.
+    assert agreeing_as_mirrored(at_first[:14], rng.permutation(mirrored[:14])) < 13
 
 
 def test_weak_mirrored_links_of_a_symmetric_building_do_not_count_against_strong_plain_ones() -> None:
@@ -194,6 +264,15 @@ def test_weak_mirrored_links_of_a_symmetric_building_do_not_count_against_strong
             "yellow",
             {"other_models": (("a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg"),), "n_placed": 11},
         ),
+        ("few_placed", "yellow", {"other_models": (("a.jpg",) * 5,), "n_placed": 8, "links": 3}),
+        ("several_lenses", "yellow", {"n_placed": 8, "n_lenses": 2, "n_groups": 1}),
+        (
+            "several_lenses",
+            "red",
+            {"lenses_differ": True, "own_gain": 0.5, "error": 0.7, "aspect": 0.2, "aspect_gain": 0.88},
+        ),
+        ("stretched", "red", {"lenses_differ": True, "own_gain": 0.8, "error": 0.7, "aspect": 0.2, "aspect_gain": 0.6}),
+        ("stretched", "red", {"aspect": 0.12, "aspect_gain": 0.93, "common_aspect": 0.1}),
         ("one_place", "red", {"angle": 0.8}),
         ("few_placed", "yellow", {"n_placed": 7}),
         ("weak_tracks", "yellow", {"seen_by_three": 0.1}),
@@ -224,6 +303,9 @@ def test_zoomed_photos_without_exif_get_their_own_lens(tmp_path: Path) -> None:
     assert zoomed == pytest.approx([380.0 * 1.6] * len(zoomed), rel=0.05)
     assert others == pytest.approx([380.0] * len(others), rel=0.05)
     assert found.health is not None and found.health.colour == "green"
+    # The sizes of features alone showed it: the database has the photos in the order of their names.
+    scales = relative_scales(tmp_path / "sfm" / "database.db")
+    assert min(scales[i + 1] for i in (1, 3, 6, 8)) > max(scales[i + 1] for i in (0, 2, 4, 5, 7)) + 0.3
 
 
 def test_mirrored_photos_are_named_and_not_placed(room: Scene, tmp_path: Path) -> None:
@@ -277,3 +359,15 @@ def test_given_cameras_of_two_exchanged_photos_are_left_out(room: Scene) -> None
     assert found.health is not None and found.health.colour == "red"
     assert found.unregistered == found.health.refuted == ("01.png", "06.png")
     assert any(isinstance(event, Warned) and "01.png, 06.png" in event.message for event in events)
+
+
+@pytest.mark.parametrize("first", [1, 3, 5])
+def test_given_cameras_of_two_exchanged_neighbours_are_left_out(room: Scene, first: int) -> None:
+    names = (f"{first:02d}.png", f"{first + 1:02d}.png")
+    by_photo = dict(as_given(room).by_photo)
+    exchanged = {
+        name: dataclasses.replace(by_photo[other], photo=name) for name, other in zip(names, names[::-1], strict=True)
+    }
+    cameras = tuple({**by_photo, **exchanged}[name] for name in sorted(by_photo))
+    found = check_given_cameras(dataclasses.replace(as_given(room), cameras=cameras), room.photo_set)
+    assert found.health is not None and found.health.refuted == names

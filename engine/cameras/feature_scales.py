@@ -1,0 +1,124 @@
+"""How large things are in each photo, from the sizes of matched features: a first guess of zooms.
+
+A feature that two photos share is larger in the photo with the longer lens, or in the nearer one. Sizes are measured
+without any camera model, so they show zooms even where the mapping with a shared lens went wrong.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .colmap import pycolmap
+from .colmap_calls import opened_database
+
+__all__ = ["balanced_scales", "feature_sizes", "relative_scales", "scale_groups"]
+
+Float64 = NDArray[np.float64]
+
+_MIN_MATCHES = 15
+"""Verified matches from which on a pair counts: COLMAP's own bound."""
+_SWEEPS = 20
+_EXACT = 0.05
+"""Residual of a pair, as a logarithm, below which its weight does not grow: features are measured to a few percent."""
+_DISTINCT = 1.1
+"""Ratio of the scales of neighbouring groups from which on they are tried as lenses."""
+_MIN_GROUP = 2
+"""Photos of a group."""
+
+
+def feature_sizes(keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the sizes [N] of COLMAP's keypoints [N, 4 or 6], in pixels."""
+    # Columns: x, y and the feature's affine shape [[a11, a12], [a21, a22]], or x, y, scale, orientation.
+    return np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
+
+
+def relative_scales(database: Path) -> dict[int, float]:
+    """Return how much larger things are in each photo than on average, as logarithms, by image id.
+
+    Parameters
+    ----------
+    database : Path
+        COLMAP's database with verified matches.
+
+    Returns
+    -------
+    dict of int to float
+        Values that explain the median ratios of all pairs best, by absolute differences. Photos that no pair connects
+        have 0; of photos that fall apart, each part has a mean of 0.
+    """
+    pairs: list[tuple[int, int, int, float]] = []
+    with opened_database(database) as opened:
+        ids = sorted(image.image_id for image in opened.read_all_images())
+        sizes = {image_id: feature_sizes(np.asarray(opened.read_keypoints(image_id))) for image_id in ids}
+        pair_ids, counts = opened.read_two_view_geometry_num_inliers()
+        for pair_id, count in zip(pair_ids, counts, strict=True):
+            if count < _MIN_MATCHES:
+                continue
+            a, b = pycolmap.pair_id_to_image_pair(pair_id)
+            rows = np.asarray(opened.read_two_view_geometry(a, b).inlier_matches)
+            ratio = float(np.median(np.log(sizes[b][rows[:, 1]] / sizes[a][rows[:, 0]])))
+            pairs.append((a, b, count, ratio))
+    return balanced_scales(ids, pairs)
+
+
+def balanced_scales(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> dict[int, float]:
+    """Return values by id whose differences are the ratios (first, second, matches, ratio) of `pairs`."""
+    column = {image_id: index for index, image_id in enumerate(ids)}
+    differences = np.zeros((len(pairs), len(ids)))
+    for row, (a, b, _, _) in enumerate(pairs):
+        differences[row, column[a]], differences[row, column[b]] = -1.0, 1.0
+    ratios = np.array([ratio for *_, ratio in pairs])
+    strength = np.sqrt([count for _, _, count, _ in pairs])
+    weights = strength
+    values = np.zeros(len(ids))
+    for _ in range(_SWEEPS):
+        # Photos that no pair connects, and the mean of each part, are held at 0.
+        system = np.concatenate([differences * weights[:, None], 1e-3 * np.eye(len(ids))])
+        values = np.linalg.lstsq(system, np.concatenate([ratios * weights, np.zeros(len(ids))]), rcond=None)[0]
+        # Weights by the residuals make the sum of squares one of absolute values, which wrong pairs change little.
+        weights = strength / np.sqrt(np.maximum(np.abs(ratios - differences @ values), _EXACT))
+    return {image_id: float(values[index]) for image_id, index in column.items()}
+
+
+def scale_groups(scales: Mapping[int, float], count: int) -> list[tuple[float, list[int]]]:
+    """Return `count` groups of photos of nearly equal scale.
+
+    Parameters
+    ----------
+    scales : mapping of int to float
+        Logarithms by image id.
+    count : int
+        2 or 3.
+
+    Returns
+    -------
+    list of (float, list of int)
+        The median scale and the members of each group, with the smallest sum of squares within; empty when there are
+        too few photos or the groups differ by less than 10 %.
+    """
+    ids = sorted(scales, key=lambda image_id: (scales[image_id], image_id))
+    values = np.array([scales[image_id] for image_id in ids])
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    squares = np.concatenate([[0.0], np.cumsum(values**2)])
+
+    def within(start: int, end: int) -> float:
+        return float(squares[end] - squares[start] - (sums[end] - sums[start]) ** 2 / (end - start))
+
+    best, chosen = np.inf, None
+    for cuts in itertools.combinations(range(_MIN_GROUP, len(ids) - _MIN_GROUP + 1), count - 1):
+        bounds = (0, *cuts, len(ids))
+        if min(np.diff(bounds)) < _MIN_GROUP:
+            continue
+        spread = sum(within(start, end) for start, end in itertools.pairwise(bounds))
+        if spread < best:
+            best, chosen = spread, bounds
+    if chosen is None:
+        return []
+    groups = [(float(np.median(values[a:b])), sorted(ids[a:b])) for a, b in itertools.pairwise(chosen)]
+    steps = np.diff([scale for scale, _ in groups])
+    return groups if (steps > np.log(_DISTINCT)).all() else []

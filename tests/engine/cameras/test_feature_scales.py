@@ -1,0 +1,49 @@
+"""Zooms are guessed from the sizes of features that photos have in common."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from engine.cameras.feature_scales import balanced_scales, scale_groups
+
+
+def ratios_of(scales: list[float], *, noise: float = 0.02) -> list[tuple[int, int, int, float]]:
+    """Return pairs (first, second, matches, ratio) of photos whose logarithms of scale are `scales`."""
+    rng = np.random.default_rng(0)
+    count = len(scales)
+    return [
+        (a, b, 60, scales[b] - scales[a] + rng.normal(0.0, noise))
+        for a in range(count)
+        for b in (a + 1, a + 2)
+        if b < count
+    ]
+
+
+def test_scales_of_photos_are_found_from_their_pairs_though_one_pair_is_wrong() -> None:
+    true = [0.0, 0.5, 0.05, 0.45, -0.1, 0.6, 0.0, 0.5]
+    pairs = ratios_of(true)
+    pairs[4] = (*pairs[4][:3], 2.0)
+    found = balanced_scales(range(len(true)), pairs)
+    assert np.array(list(found.values())) == pytest.approx(np.array(true) - np.mean(true), abs=0.06)
+
+
+def test_a_photo_without_pairs_has_the_mean_scale() -> None:
+    assert balanced_scales(range(4), ratios_of([0.1, 0.3, 0.5]))[3] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_photos_of_two_zooms_make_two_groups() -> None:
+    scales = {i: (0.45 if i % 2 else 0.0) + 0.05 * np.sin(i) for i in range(12)}
+    groups = scale_groups(scales, 2)
+    assert [members for _, members in groups] == [[0, 2, 4, 6, 8, 10], [1, 3, 5, 7, 9, 11]]
+    assert groups[1][0] - groups[0][0] == pytest.approx(0.45, abs=0.06)
+
+
+def test_photos_of_three_zooms_make_three_groups() -> None:
+    scales = {i: (0.0, 0.35, 0.8)[i % 3] + 0.04 * np.cos(i) for i in range(12)}
+    assert [members for _, members in scale_groups(scales, 3)] == [[0, 3, 6, 9], [1, 4, 7, 10], [2, 5, 8, 11]]
+
+
+def test_photos_of_nearly_one_scale_and_few_photos_make_no_groups() -> None:
+    assert scale_groups({i: 0.03 * (i % 3) for i in range(12)}, 2) == []
+    assert scale_groups({0: 0.0, 1: 0.5, 2: 1.0}, 2) == []
