@@ -78,7 +78,7 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         """End the tool and its engine process."""
-        super().cancel(context)
+        ViewTool.cancel(self, context)
         self._masks.close()
 
     def _masks_changed(self) -> None:

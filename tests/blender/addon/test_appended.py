@@ -84,7 +84,7 @@ def test_splats_of_another_file_are_rendered_as_in_it_once_the_scene_is_set_up(
     bpy.ops.heritage.set_up_render()
     assert not render.missing_settings(scene)
     bpy.ops.heritage.look_through_photo()
-    # The goal of renders of splats; 50 dB and more were seen.
+    # The goal of renders of splats.
     assert psnr(rendered_by_cycles(tmp_path), expected) >= 28
 
 

@@ -233,6 +233,10 @@ class Tool:
             window_manager=SimpleNamespace(modal_handler_add=self.handlers.append, windows=windows),
         )
 
+    def window_frame(self) -> Any:
+        """Return the frame of the photo in the view."""
+        return self.operator._viewport.frame()
+
     def invoke(self, **options: Any) -> set[str]:
         for name, value in options.items():
             setattr(self.operator, name, value)

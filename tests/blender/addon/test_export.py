@@ -78,11 +78,16 @@ def test_files_are_named_after_the_record_and_never_after_blenders_numbers(
     opened: Any, part: Part, tmp_path: Path
 ) -> None:
     vase = isolated()["vase"]
-    vase.name = "Vase.001"
-    assert export(tmp_path / "a") == {"Vase.glb"}
     vase.name = "1906.123"
     assert export(tmp_path / "numbers") == {"1906.123.glb"}
-    vase.name = "Vase.001"
+    vase.name = "Vase"
+    # Another object of the file takes the name: Blender shows a number, the project does not.
+    names, other = part("gaussian_heritage_addon.object_names"), bpy.data.objects.new("Other", None)
+    vase.name = "Away"
+    other.name = "Vase"
+    names.give_name(vase, "Vase")
+    vase.name = vase.heritage_state.shown_name = "Vase.001"
+    assert export(tmp_path / "a") == {"Vase.glb"}
     vase.heritage.catalogue_number = "1906/12"
     assert export(tmp_path / "b") == {"1906_12 Vase.glb"}
     copy = vase.copy()

@@ -121,6 +121,7 @@ def test_anti_aliased_splats_and_others_do_not_leave_as_one_file(
     for name, antialiased in (("a", True), ("b", False)):
         formats.write_ply(tmp_path / f"{name}.ply", replace(random_gaussians(5), antialiased=antialiased))
         bpy.ops.heritage.import_gaussian_ply(filepath=str(tmp_path / f"{name}.ply"))
+    for name in ("a", "b"):
         bpy.data.objects[name].select_set(True)
     with pytest.raises(RuntimeError, match="cannot be put together"):
         bpy.ops.heritage.export_splats(filepath=str(tmp_path / "both.ply"))

@@ -84,7 +84,9 @@ def in_files(part: Part, folder: Path) -> Shown:
     shutil.rmtree(folder, ignore_errors=True)
     if not isolated():
         return {}
-    assert bpy.ops.heritage.export_objects(directory=str(folder), scope="ALL") == {"FINISHED"}
+    assert bpy.ops.heritage.export_objects(directory=str(folder), scope="ALL", format="PLY", with_background=True) == {
+        "FINISHED"
+    }
     return {file.stem: len(part("engine.formats").read_ply(file)) for file in folder.glob("*.ply")}
 
 

@@ -169,3 +169,23 @@ def test_opaque_colour_is_rendered_unchanged(
     assert bpy.context.scene.view_settings.view_transform == "Standard"
     # Alpha is at most 0.99, as in the engine; 1 % less linear light is 0.4 % of the sRGB value.
     np.testing.assert_allclose(rendered_by_cycles(tmp_path)[44, 68], [0.8, 0.5, 0.1], atol=1.5 / 255)
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 3, 0), reason="Blender 5.3 has the type")
+def test_blenders_own_type_blends_in_linear_light(
+    part: Part, random_gaussians: Callable[..., Any], square_camera: Any, tmp_path: Path
+) -> None:
+    """Why it does not take the place of our display: docs/design_notes/blender.md tells the figures."""
+    gaussians = random_gaussians(40, degree=0, seed=1)
+    scene = bpy.context.scene
+    part("gaussian_heritage_addon.native_splats").copy_as_native("n", gaussians, scene.collection)
+    part("gaussian_heritage_addon.cameras").add_cameras([square_camera], scene.collection)
+    scene.camera = next(obj for obj in scene.objects if obj.type == "CAMERA")
+    scene.render.engine, scene.cycles.samples, scene.view_settings.view_transform = "CYCLES", 64, "Standard"
+    scene.render.resolution_x, scene.render.resolution_y = square_camera.width, square_camera.height
+    picture = rendered_by_cycles(tmp_path)
+    as_trained, as_light = (
+        np.square(picture - rendered_by_formula(part, gaussians, square_camera, linear=linear)).mean()
+        for linear in (False, True)
+    )
+    assert 10 * np.log10(1 / as_light) > 26 and 10 * np.log10(1 / as_trained) < 23
