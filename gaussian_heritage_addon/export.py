@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_n
 from numpy.typing import NDArray
 
 from ..engine.errors import DiskError, ObjectError, ProjectError, SettingsError
@@ -80,9 +81,9 @@ def choose_objects(scene: bpy.types.Scene, *, with_hidden: bool, with_background
     chosen, left_out = [], []
     for obj in every:
         if obj.heritage.kind == "background":
-            reason = "" if with_background or only_background else "background"
+            reason = "" if with_background or only_background else pgettext_n("background")
         else:
-            reason = "hidden" if _is_closed(scene, obj) and not with_hidden else ""
+            reason = pgettext_n("hidden") if _is_closed(scene, obj) and not with_hidden else ""
         if reason:
             left_out.append((obj, reason))
         else:

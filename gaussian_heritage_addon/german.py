@@ -338,7 +338,6 @@ TEXTS: dict[str, str] = {
     "The {} objects of the project belong to the present Gaussians. They go to the project's trash.": (
         "Die {} Objekte des Projekts gehören zu den jetzigen Gauß-Glocken. Sie kommen in den Papierkorb des Projekts."
     ),
-    "Then: {} {}": "Danach: {} {}",
     "They agree within {:.1f} mm": "Sie stimmen auf {:.1f} mm überein",
     "This is {}": "Das ist {}",
     "Threshold": "Schwellwert",

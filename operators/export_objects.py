@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import bpy
+from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
@@ -127,9 +128,9 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
             layout.prop(self, "with_background")
         box = layout.box()
         objects, left_out = self._chosen(context)
-        draw_text(box, _said("Objects: {}, {}", objects), icon="EXPORT")
+        draw_text(box, _said(pgettext_n("Objects: {}, {}"), objects), icon="EXPORT")
         if left_out:
-            draw_text(box, _said("Left out: {}, {}", left_out), icon="HIDE_ON")
+            draw_text(box, _said(pgettext_n("Left out: {}, {}"), left_out), icon="HIDE_ON")
         for name in ("origin", "with_record", "with_far", "overwrite"):
             layout.prop(self, name)
 

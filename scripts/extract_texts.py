@@ -23,6 +23,7 @@ LANGUAGES = {
 }
 _SHOWN = ("text", "title", "confirm_text", "placeholder")
 """Arguments of layouts and dialogs that Blender translates."""
+_PARTS_OF_AN_ITEM = 5
 _TRANSLATING = {"translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1}
 """Functions whose text at this position among their arguments is translated."""
 
@@ -32,6 +33,8 @@ def texts_of(source: str) -> Iterator[tuple[str, str]]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ClassDef):
             yield from _of_class(node)
+        elif isinstance(node, ast.Tuple) and len(node.elts) == _PARTS_OF_AN_ITEM:
+            yield from _of_item(node)
         elif isinstance(node, ast.Call):
             called = node.func.id if isinstance(node.func, ast.Name) else ""
             is_offered = all(keyword.arg != "offered" for keyword in node.keywords)
@@ -65,6 +68,14 @@ def _of_class(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
     description = ast.get_docstring(node)
     if labels and "_OT_" in node.name and description:
         yield "tooltip", description
+
+
+def _of_item(node: ast.Tuple) -> Iterator[tuple[str, str]]:
+    """Yield the texts of an item of a choice whose items a function returns: name, label, tooltip, icon and number."""
+    kinds = [type(part.value) if isinstance(part, ast.Constant) else object for part in node.elts]
+    if kinds == [str, str, str, str, int]:
+        yield from _constant("label", node.elts[1])
+        yield from _constant("tooltip", node.elts[2])
 
 
 def _constant(kind: str, node: ast.expr) -> Iterator[tuple[str, str]]:
