@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import json
+import os
 import stat
 import sys
 from collections.abc import Callable, Iterator
@@ -116,9 +117,14 @@ def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path
             f"Path({str(arguments)!r}).write_text(json.dumps(sys.argv[1:]))\n"
             "def say(kind, **fields): print(json.dumps({'v': 1, 'kind': kind, 'time': 0.0, **fields}), flush=True)\n"
             + inspect.getsource(write_object).replace("**known: Any", "**known")
-            + text
+            + text,
+            encoding="utf-8",
         )
         program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        if os.name == "nt":  # Windows starts no scripts of Python
+            started = tmp_path / "engine python.bat"
+            started.write_text(f'@"{sys.executable}" "{program}" %*\n', encoding="utf-8")
+            program = started
         bpy.context.preferences.addons[installed].preferences.engine_python = str(program)
         return arguments
 
