@@ -18,11 +18,13 @@ __all__ = ["Candidate", "NotFound", "dismiss", "read_not_found"]
 
 _FILE = ("objects", "candidates.json")
 _SCHEMA = {
-    "refused": [{"message": str}],
+    "refused": [{"message": str, "words": optional([str])}],
     "candidates": optional([{"number": int, "text": str, "score": float, "photo": str, "picture": str}]),
 }
 _MAX_SHOWN = 50
 """Prompts and candidates that a panel can show."""
+_MAX_WORDS = 5
+"""Words of a prompt that can be shown."""
 _MAX_TEXT = 1000
 """Characters of a text that are kept."""
 
@@ -62,10 +64,13 @@ class NotFound:
         One sentence for each prompt.
     candidates : tuple of Candidate
         Best first for each prompt.
+    words : tuple of str
+        May be asked for in place of the prompts that are not known.
     """
 
     messages: tuple[str, ...]
     candidates: tuple[Candidate, ...]
+    words: tuple[str, ...] = ()
 
 
 def read_not_found(project: Path) -> NotFound | None:
@@ -95,6 +100,11 @@ def _read(project: Path, file: Path, changed: int) -> NotFound | FormatError:
         return NotFound(
             messages=tuple(refused["message"][:_MAX_TEXT] for refused in data["refused"][:_MAX_SHOWN]),
             candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())[:_MAX_SHOWN]),
+            words=tuple(
+                word[:_MAX_TEXT]
+                for refused in data["refused"][:_MAX_SHOWN]
+                for word in (refused.get("words") or ())[:_MAX_WORDS]
+            ),
         )
     except FormatError as error:
         return error

@@ -8,15 +8,18 @@ from pathlib import Path
 
 from ..cameras.settings import CameraSettings
 from ..events import Emit, Finished, StopCheck
+from ..jobs import format_seconds
 from ..photos.settings import PhotoSettings
 from ..planning import (
+    PlannedWork,
     PlanSettings,
     forecast_as_dict,
     format_plan,
-    plan_photos,
+    plan_several,
     require_enough_memory,
     work_plan_as_dict,
 )
+from ..training.settings import PRESETS
 from .scene_options import (
     add_camera_options,
     add_device_option,
@@ -40,6 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_size_options(parser)
     add_no_objects_option(parser)
     add_camera_options(parser)
+    parser.add_argument(
+        "--every-preset", action="store_true", help="tell the time of each preset, and nothing else of the plan"
+    )
     parser.add_argument("--json", action="store_true", help="print the plan as JSON instead of text")
 
 
@@ -49,15 +55,19 @@ def project_folder(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Print the plan, and refuse work for which there is too little memory."""
-    work, forecast, calibration = plan_photos(
+    presets = list(PRESETS) if options.every_preset else [options.preset]
+    planned = plan_several(
         options.photos,
-        PlanSettings(
-            preset=options.preset,
-            device=options.device,
-            max_gaussians=options.max_gaussians,
-            max_side=options.max_side,
-            wants_objects=not options.no_objects,
-        ),
+        [
+            PlanSettings(
+                preset=preset,
+                device=options.device,
+                max_gaussians=options.max_gaussians,
+                max_side=options.max_side,
+                wants_objects=not options.no_objects,
+            )
+            for preset in presets
+        ],
         photos=PhotoSettings(),
         cameras=CameraSettings(),
         model=options.cameras,
@@ -65,7 +75,20 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         emit=emit,
         should_stop=should_stop,
     )
+    if options.every_preset:
+        lines = [f"{preset}: {_duration(one)}" for preset, one in zip(presets, planned, strict=True)]
+        seconds = {preset: list(one.forecast.seconds) for preset, one in zip(presets, planned, strict=True)}
+        text = json.dumps({"seconds": seconds}, indent=1) if options.json else "\n".join(lines)
+        emit(Finished(text, {"seconds": seconds}))
+        return 0
+    ((work, forecast, calibration),) = planned
     require_enough_memory(forecast, work, calibration)
     outputs = {"plan": work_plan_as_dict(work), "forecast": forecast_as_dict(forecast)}
     emit(Finished(json.dumps(outputs, indent=1) if options.json else format_plan(work, forecast), outputs))
     return 0
+
+
+def _duration(planned: PlannedWork) -> str:
+    """Return the forecast time with its range."""
+    low, middle, high = planned.forecast.seconds
+    return f"{format_seconds(middle)}, between {format_seconds(low)} and {format_seconds(high)} in 8 of 10 runs"

@@ -2,6 +2,7 @@
 
 from .job import Job, JobState, format_seconds
 from .prompt_arguments import Click, click_arguments, name_arguments, refine_arguments, text_arguments
+from .time_left import seconds_left_in_all
 from .waiting import WaitingJob
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "format_seconds",
     "name_arguments",
     "refine_arguments",
+    "seconds_left_in_all",
     "text_arguments",
 ]

@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from .memory_check import require_enough_memory
     from .outcome import update_calibration
     from .plan_text import format_plan
-    from .planned_work import plan_and_forecast, plan_photos, store_forecast
+    from .planned_work import PlannedWork, plan_and_forecast, plan_photos, plan_several, store_forecast
     from .training_device import TrainingDevice
 
 __all__ = [
     "Calibration",
     "PlanSettings",
+    "PlannedWork",
     "ScenePlan",
     "TrainingDevice",
     "WorkPlan",
@@ -41,6 +42,7 @@ __all__ = [
     "kept_sizes",
     "plan_and_forecast",
     "plan_photos",
+    "plan_several",
     "choose_photos",
     "plan_scene",
     "plan_work",

@@ -23,7 +23,7 @@ from .device_choice import choose_sizes
 from .forecast import Forecast, forecast_as_dict, forecast_work
 from .training_device import TrainingDevice
 
-__all__ = ["PlannedWork", "plan_and_forecast", "plan_photos", "store_forecast"]
+__all__ = ["PlannedWork", "plan_and_forecast", "plan_photos", "plan_several", "store_forecast"]
 
 _STORED_FORECAST = {"stages": [{"stage": str}]}
 
@@ -58,13 +58,38 @@ def plan_photos(
     Cancelled
         When `should_stop` returns true.
     """
+    (planned,) = plan_several(
+        folder, [settings], photos=photos, cameras=cameras, model=model, photo_masks=photo_masks, emit=emit,
+        should_stop=should_stop,
+    )  # fmt: skip
+    return planned
+
+
+def plan_several(
+    folder: Path,
+    settings: Sequence[PlanSettings],
+    *,
+    photos: PhotoSettings,
+    cameras: CameraSettings,
+    model: Path | None,
+    photo_masks: Path | None,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> list[PlannedWork]:
+    """Plan a run by each of `settings`, and read the photos once. See `plan_photos`."""
     criteria = photos.for_lens(cameras.model, is_given=model is not None)
     photo_set = read_photos(folder, criteria, masks=photo_masks, emit=emit, should_stop=should_stop)
     statistics = inspect_photos(photo_set, should_stop=should_stop)
-    device = choose_training_device(settings.device)
-    return plan_and_forecast(
-        photo_set, statistics, settings, cameras=cameras, model=model, n_prompts=0, device=device, kept=None, emit=emit
-    )
+    planned = []
+    for one in settings:
+        device = choose_training_device(one.device)
+        planned.append(
+            plan_and_forecast(
+                photo_set, statistics, one, cameras=cameras, model=model, n_prompts=0, device=device, kept=None,
+                emit=emit,
+            )  # fmt: skip
+        )
+    return planned
 
 
 def plan_and_forecast(

@@ -25,6 +25,7 @@ from .object_record import (
     write_record,
 )
 from .paradata import describe_object, describe_scene, scene_title
+from .unit import describe_unit
 
 __all__ = [
     "EXAMPLE_ADDRESS",
@@ -36,6 +37,7 @@ __all__ = [
     "crm_json_ld",
     "describe_object",
     "describe_scene",
+    "describe_unit",
     "dublin_core",
     "dublin_core_xml",
     "gltf_extras",

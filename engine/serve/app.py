@@ -13,7 +13,6 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.middleware.trustedhost import TrustedHostMiddleware
 from fastapi.responses import JSONResponse
-from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from .. import __version__
@@ -26,6 +25,7 @@ from .feeds import Feeds
 from .guards import RequestLimits, SecurityHeaders
 from .job_queue import JobQueue
 from .library import NotFound
+from .page_files import PageFiles
 from .settings import ServeSettings
 
 __all__ = ["PAGE", "create_app"]
@@ -84,7 +84,7 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
     )
     app.state.server = server
     app.include_router(api_router(settings))
-    app.mount("/", StaticFiles(directory=page, html=True))
+    app.mount("/", PageFiles(directory=page, html=True))
     app.add_exception_handler(HeritageError, _heritage_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
     app.add_exception_handler(HTTPException, _http_error)

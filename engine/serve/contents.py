@@ -13,6 +13,7 @@ from ..records import load_record
 from ..refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
 from .library import WebProject
+from .videos import describe_videos
 
 __all__ = ["describe_object", "describe_project", "has_scene", "summarise_project"]
 
@@ -25,8 +26,14 @@ def summarise_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
         "title": project.title,
         "created": project.created,
         "n_photos": n_photos,
+        "cover": _cover(project),
         "state": _state(queue, project, n_photos),
     }
+
+
+def _cover(project: WebProject) -> str:
+    """Return the name of the photo that stands for the project; empty without photos."""
+    return next(iter(project.photo_names()), "")
 
 
 def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
@@ -35,12 +42,14 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
     return {
         **summarise_project(queue, project),
         "photos": _photos(project),
+        "videos": describe_videos(project),
         "job": _as_dict(queue.last(project.folder)),
         "waiting": [_as_dict(view) for view in queue.waiting(project.folder)],
         "scene": _scene(project),
         "objects": [describe_object(project, one) for one in _objects(project)],
         "not_found": None if not_found is None else {
             "messages": list(not_found.messages),
+            "words": list(dict.fromkeys(not_found.words)),
             "candidates": [
                 {
                     "number": one.number, "text": one.text, "score": one.score, "photo": one.photo,
@@ -56,7 +65,8 @@ def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
     """Return an object with the record that a curator has entered."""
     record = asdict(load_record(project.project, item.id))
     shown = {name: getattr(item, name) for name in ("id", "name", "prompt", "score", "kind", "n_gaussians")}
-    return {**shown, **record}
+    picture = f"/api/v1/projects/{project.id}/objects/{item.id}/thumbnail.jpg"
+    return {**shown, **record, "picture": picture if item.kind != "background" else ""}
 
 
 def has_scene(project: WebProject) -> bool:

@@ -16,8 +16,9 @@ from ..files import delete_derived, is_inner_name, path_within, read_json, write
 from ..system import name_in_order, replace_file
 from .settings import PHOTO_TYPES, ServeSettings
 
-__all__ = ["Library", "NotFound", "WebProject"]
+__all__ = ["PROJECT", "Library", "NotFound", "WebProject"]
 
+PROJECT = "project"
 _INFO, _HASHES = "info.json", "hashes.json"
 _SCHEMA = {"title": str, "created": str}
 _ID = re.compile(r"[0-9a-f]{12}")
@@ -62,7 +63,7 @@ class WebProject:
     @property
     def project(self) -> Path:
         """The engine's project folder."""
-        return self.folder / "project"
+        return self.folder / PROJECT
 
     @property
     def cache(self) -> Path:
@@ -106,6 +107,24 @@ class WebProject:
         if name not in self.photo_names():
             raise NotFound(f"There is no photo {name!r}.")
         return path_within(self.photos, name)
+
+    def video_names(self) -> list[str]:
+        """Return the names of the uploaded videos, sorted."""
+        if not self.videos.is_dir():
+            return []
+        return sorted(entry.name for entry in os.scandir(self.videos) if is_inner_name(entry.name) and entry.is_file())
+
+    def video(self, name: str) -> Path:
+        """Return the file of a video.
+
+        Raises
+        ------
+        NotFound
+            When there is none of this name.
+        """
+        if name not in self.video_names():
+            raise NotFound(f"There is no video {name!r}.")
+        return path_within(self.videos, name)
 
     def known_hashes(self) -> dict[str, str]:
         """Return the SHA-256 of each photo that is there."""
@@ -202,6 +221,17 @@ class Library:
         """
         project.photo(name)
         delete_derived(project.photos, name)
+
+    def delete_video(self, project: WebProject, name: str) -> None:
+        """Delete an uploaded video; the photos that were taken from it stay.
+
+        Raises
+        ------
+        NotFound
+            When there is none of this name.
+        """
+        project.video(name)
+        delete_derived(project.videos, name)
 
     def used_bytes(self) -> int:
         """Return the size of everything the user has uploaded, unfinished uploads included."""

@@ -45,5 +45,6 @@ def api_router(settings: ServeSettings) -> APIRouter:
     router = APIRouter(prefix="/api/v1", responses=responses)
     for module in (sessions, projects, photos, jobs, views, objects):
         router.include_router(module.router)
+    router.include_router(photos.videos)
     router.include_router(upload_router(settings))
     return router

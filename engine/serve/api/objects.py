@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+import numpy as np
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
+from ...files import object_file
 from ...objects import delete_object
-from ...project_content import ProjectObject, list_objects
+from ...project_content import ProjectObject, list_objects, load_membership
 from ...project_folder import ProjectFolder
-from ...records import load_record, rename_object, save_record
+from ...records import RECORD_FILE, load_record, read_record, rename_object, save_record
 from ..access import CurrentProject, server_of
+from ..conditional import file_answer
 from ..contents import describe_object
-from ..downloads import MEDIA_TYPES, download_name, exported_file
+from ..downloads import MEDIA_TYPES, DownloadFormat, download_name, exported_file
 from ..library import NotFound, WebProject
+from ..thumbnails import object_thumbnail
 
 __all__ = ["router"]
 
@@ -35,17 +39,40 @@ class ObjectChange(BaseModel):
 
 
 @router.get("/{object_id}.ply")
-def read_object_for_viewer(object_id: str, project: CurrentProject) -> FileResponse:
+def read_object_for_viewer(object_id: str, project: CurrentProject, request: Request) -> Response:
     """Return an object for the viewer, in the frame of the cameras."""
     _object(project, object_id)
-    return FileResponse(exported_file(project, object_id, "ply", "world"), media_type=MEDIA_TYPES["ply"])
+    return file_answer(request, exported_file(project, object_id, "ply", "world"), MEDIA_TYPES["ply"])
+
+
+@router.get("/{object_id}/thumbnail.jpg")
+def read_thumbnail(object_id: str, project: CurrentProject, request: Request) -> Response:
+    """Return a small picture of an object, of the photo that it was found in."""
+    _object(project, object_id)
+    return file_answer(request, object_thumbnail(project, object_id), "image/jpeg")
+
+
+@router.get("/{object_id}/members")
+def read_members(object_id: str, project: CurrentProject) -> Response:
+    """Return which Gaussians of the scene belong to an object.
+
+    A bit for each Gaussian in the order of the scene's PLY for the viewer, the lowest bit of each byte first; the header
+    ``X-Count`` has their number.
+    """
+    _object(project, object_id)
+    record = read_record(object_file(project.project, object_id, RECORD_FILE))
+    count = record.n_scene_gaussians
+    members = load_membership(project.project, object_id, count) >= record.threshold
+    bits = np.packbits(members, bitorder="little").tobytes()
+    headers = {"X-Count": str(count), "Cache-Control": "no-cache"}
+    return Response(bits, media_type="application/octet-stream", headers=headers)
 
 
 @router.get("/{object_id}/export")
 def download_object(
     object_id: str,
     project: CurrentProject,
-    file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")],
+    file_format: Annotated[DownloadFormat, Query(alias="format")],
 ) -> FileResponse:
     """Return an object as a file to keep."""
     item = _object(project, object_id)

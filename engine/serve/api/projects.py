@@ -10,7 +10,8 @@ from pydantic import BaseModel, Field
 
 from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import describe_project, summarise_project
-from ..downloads import report_response
+from ..forecasts import forecast_of_presets
+from ..reports import report_response
 from ..streams import open_stream
 
 __all__ = ["router"]
@@ -67,6 +68,13 @@ async def stream_events(project: CurrentProject, request: Request, user: Current
 
 
 @router.get("/{project_id}/report")
-def read_report(project: CurrentProject) -> Any:
-    """Return the report as a page of its own."""
-    return report_response(project)
+def read_report(project: CurrentProject, request: Request) -> Any:
+    """Return the report as a page of its own, as the objects are now; while a job runs, as they were before."""
+    job = server_of(request).queue.last(project.folder)
+    return report_response(project, is_busy=job is not None and job.state == "running")
+
+
+@router.get("/{project_id}/forecast")
+def read_forecast(project: CurrentProject, request: Request) -> dict[str, list[float]]:
+    """Return low, expected and high seconds of a reconstruction of the photos, by preset."""
+    return forecast_of_presets(project, server_of(request).settings)

@@ -19,6 +19,7 @@ from ...files import delete_derived
 from ..access import CurrentUser, current_user, server_of
 from ..intake import is_video, is_video_name, photo_name, take_in_photo, take_in_video
 from ..settings import ServeSettings
+from ..videos import frames_arguments
 
 __all__ = ["upload_router"]
 
@@ -98,7 +99,7 @@ def _when_complete(request: Request, user: CurrentUser) -> Callable[[str, dict[s
             filename = str(metadata.get("filename", ""))
             if is_video(file, filename):
                 video = take_in_video(project, file, filename)
-                server.queue.submit(project, ["frames", str(video), f"--out={project.photos}"])
+                server.queue.submit(project, frames_arguments(project, video))
             else:
                 take_in_photo(project, file, filename, server.settings)
         finally:

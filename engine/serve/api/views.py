@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import FileResponse
 
 from ...files import path_within
+from ...project_folder import ProjectFolder
+from ...records import describe_unit
 from ...refused_prompts import read_not_found
 from ...scene import Camera, focal_and_center, looked_at, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
-from ..downloads import MEDIA_TYPES, download_name, exported_file
+from ..conditional import file_answer
+from ..downloads import MEDIA_TYPES, DownloadFormat, download_name, exported_file
 from ..library import NotFound
 from ..small_photos import small_photo
 
@@ -37,7 +40,7 @@ def read_preview(project: CurrentProject, request: Request) -> FileResponse:
 
 @router.get("/cameras")
 def read_cameras(project: CurrentProject) -> dict[str, Any]:
-    """Return the cameras of the photos, the point that they look at, its distance, and up.
+    """Return the cameras of the photos, the point that they look at, its distance, up, and the unit of length.
 
     COLMAP's cameras: x right, y down, z forward; ``world_to_camera`` has 16 numbers, row by row.
     """
@@ -45,13 +48,19 @@ def read_cameras(project: CurrentProject) -> dict[str, Any]:
     if not cameras:
         raise NotFound("The scene has no cameras.")
     center, radius = looked_at(np.array([camera.viewmat for camera in cameras], np.float64))
-    return {"up": _UP, "center": center, "radius": radius, "views": [_view(camera) for camera in cameras]}
+    unit = describe_unit(ProjectFolder.open_existing(project.project))
+    return {
+        "up": _UP, "center": center, "radius": radius, "views": [_view(camera) for camera in cameras],
+        "unit": {"metresPerUnit": unit["metres_per_unit"], "text": unit["text"]},
+    }  # fmt: skip
 
 
 @router.get("/views/{photo}")
-def read_view(photo: str, project: CurrentProject, side: Annotated[int, Query(ge=1, le=1600)] = 1600) -> FileResponse:
+def read_view(
+    photo: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = 1600
+) -> Response:
     """Return the photo that clicks refer to, upright, with its lens distortion."""
-    return FileResponse(small_photo(project.photo(photo), project.cache, side), media_type="image/jpeg")
+    return file_answer(request, small_photo(project.photo(photo), project.cache, side), "image/jpeg")
 
 
 @router.get("/views/{photo}/pixel")
@@ -83,14 +92,14 @@ def read_candidate(number: int, project: CurrentProject) -> FileResponse:
 
 
 @router.get("/scene.ply")
-def read_scene(project: CurrentProject) -> FileResponse:
+def read_scene(project: CurrentProject, request: Request) -> Response:
     """Return the scene for the viewer, in the frame of the cameras."""
-    return FileResponse(exported_file(project, None, "ply", "world"), media_type=MEDIA_TYPES["ply"])
+    return file_answer(request, exported_file(project, None, "ply", "world"), MEDIA_TYPES["ply"])
 
 
 @router.get("/export")
 def download_scene(
-    project: CurrentProject, file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")]
+    project: CurrentProject, file_format: Annotated[DownloadFormat, Query(alias="format")]
 ) -> FileResponse:
     """Return the whole scene as a file to keep."""
     file = exported_file(project, None, file_format)

@@ -1,4 +1,5 @@
 // Server-sent events of a project, with reconnection.
+import { suspect } from "./connection.js";
 
 const FIRST_WAIT = 2000;
 const LONGEST_WAIT = 30000;
@@ -22,6 +23,7 @@ export function listen(url, handlers) {
     };
     source.onerror = () => {
       hadGap = true;
+      suspect();
       // The browser reconnects by itself after a lost connection, but not after an error status.
       if (source.readyState !== EventSource.CLOSED) return;
       clearTimeout(timer);

@@ -1,6 +1,6 @@
 // Isolation of objects by words, clicks or all at once, and the list of objects.
 import { startJob } from "../api.js";
-import { announce, during, field, h, setText, show } from "../dom.js";
+import { announce, during, field, h, notify, put, refill, setText, show } from "../dom.js";
 import { createObjectCard } from "./object_card.js";
 import { isActive } from "./project.js";
 import { createProgress } from "./progress.js";
@@ -26,7 +26,9 @@ export function createObjects(context, { stage, clicks }) {
   const told = h("p", { class: "quiet", hidden: true });
   const refused = h("div", { class: "not-found", hidden: true });
   const none = h("p", { class: "quiet" }, "No objects yet. Type a word, press Find all, or click an object in a photo.");
-  const list = h("ul", { class: "objects" });
+  const list = h("ul", { class: "objects", "aria-label": "Objects" });
+  const dim = h("input", { type: "checkbox", onchange: () => stage.looks.setDim(dim.checked).catch((error) => notify(error.message)) });
+  const dimming = h("label", { class: "check", hidden: true }, dim, "Dim what is not lit");
   const element = h(
     "div",
     { class: "card panel" },
@@ -37,6 +39,7 @@ export function createObjects(context, { stage, clicks }) {
     told,
     refused,
     none,
+    dimming,
     list,
   );
 
@@ -64,7 +67,7 @@ export function createObjects(context, { stage, clicks }) {
   }
 
   function update(project) {
-    const isElsewhere = project.job?.kind === "reconstruct";
+    const isElsewhere = Boolean(project.job) && project.job.kind !== "segment";
     const isToldBelow = project.not_found && !isActive(project.job);
     progress.update(isElsewhere || isToldBelow ? null : project.job, isElsewhere ? [] : project.waiting);
     // What was found again adds no card to the list.
@@ -79,16 +82,21 @@ export function createObjects(context, { stage, clicks }) {
       if (card.isAlone()) stage.showScene();
       card.element.remove();
       cards.delete(key);
+      stage.looks.forget(key, true);
     }
     for (const object of project.objects) {
       if (!cards.has(object.id)) {
         const card = createObjectCard(context, object, { stage, clicks, shownAlone });
         cards.set(object.id, card);
-        list.append(card.element);
+        put(list, card.element);
       }
       cards.get(object.id).update(object);
     }
     const fresh = project.objects.filter((object) => names && !names.has(object.id));
+    show(dimming, project.objects.length > 0);
+    // What an isolation made is lit, so that it is seen at once.
+    const made = fresh.find((object) => object.kind !== "background");
+    if (made) stage.point(made).catch((error) => notify(error.message));
     if (fresh.length > 0) announce(`New: ${fresh.map((object) => object.name).join(", ")}.`);
     names = present;
   }
@@ -103,12 +111,15 @@ export function createObjects(context, { stage, clicks }) {
     if (refused.key === key) return;
     refused.key = key;
     show(refused, Boolean(answer));
-    if (!answer) return refused.replaceChildren();
+    if (!answer) return refill(refused);
     const candidates = answer.candidates ?? [];
-    refused.replaceChildren(
+    const suggested = answer.words.map((word) => action(word, () => run({ prompt: word })));
+    refill(
+      refused,
       h("h3", null, "Not found"),
       ...answer.messages.map((text) => h("p", null, text)),
-      candidates.length > 0 ? h("p", null, "Is it one of these?") : "",
+      suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Words to try" }, h("span", null, "Try:"), suggested) : null,
+      candidates.length > 0 ? h("p", null, "Is it one of these?") : null,
       h("ul", { class: "candidates" }, candidates.map(candidateItem)),
       action(candidates.length > 0 ? "None of these: click it" : "Click it in a photo", async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
     );
@@ -125,5 +136,11 @@ export function createObjects(context, { stage, clicks }) {
     return h("li", null, button);
   }
 
-  return { element, update, shownAlone };
+  /** Objects were hidden, lit or dimmed. */
+  function looksChanged() {
+    for (const card of cards.values()) card.updateLooks();
+    dim.checked = stage.looks.isDim();
+  }
+
+  return { element, update, shownAlone, looksChanged };
 }

@@ -1,8 +1,9 @@
 // One project: photos, reconstruction, result. The server's state is read again after each event and given to the parts.
 import { deleteProject, eventsUrl, getProject, renameProject, reportUrl, sceneExportUrl } from "../api.js";
-import { asked, confirmed, during, h, notify, show } from "../dom.js";
+import { asked, confirmed, during, h, notify, put, show } from "../dom.js";
 import { listen } from "../events.js";
-import { formatName, plural } from "../format.js";
+import { onBack } from "../connection.js";
+import { DOWNLOADS, formatName, plural } from "../format.js";
 import { createPhotos } from "./photos.js";
 import { createProgress } from "./progress.js";
 import { createReconstruct } from "./reconstruct.js";
@@ -43,8 +44,9 @@ export async function projectScreen(root, session, id) {
 
   const title = h("h1", null, project.title);
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
-  const sceneFile = (format) => h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, `Scene as ${formatName(format)}`);
-  const files = [report, sceneFile("ply"), sceneFile("glb"), sceneFile("sog"), sceneFile("html")];
+  const sceneFile = (format) => h("li", null, h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, formatName(format)));
+  const scenes = h("details", { class: "downloads menu" }, h("summary", null, "Download the scene"), h("ul", { class: "row" }, DOWNLOADS.map(sceneFile)));
+  const files = [report, scenes];
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
   const facts = h("p", { class: "quiet facts", hidden: true });
@@ -82,17 +84,18 @@ export async function projectScreen(root, session, id) {
     show(facts, hasScene);
     facts.textContent = hasScene ? sceneFacts(project) : "";
     const place = hasScene ? inside : open;
-    if (photos.element.parentElement !== place) place.append(photos.element, reconstruct.element);
+    if (photos.element.parentElement !== place) put(place, photos.element, reconstruct.element);
     show(folded, hasScene);
     show(open, !hasScene);
     photos.update(project);
     reconstruct.update(project);
     // Jobs of objects are shown beside the objects.
-    progress.update(isFirst || project.job?.kind === "reconstruct" ? project.job : null, project.waiting);
+    progress.update(isFirst || project.job?.kind !== "segment" ? project.job : null, project.waiting);
     result.update(project);
   }
 
-  root.append(
+  put(
+    root,
     h("p", { class: "back" }, h("a", { href: "#/" }, "← All projects")),
     h("div", { class: "row apart" }, title, h("div", { class: "row" }, files, rename)),
     facts,
@@ -104,6 +107,7 @@ export async function projectScreen(root, session, id) {
   );
   update(project);
 
+  const forgetBack = onBack(refresh);
   const stopListening = listen(eventsUrl(id), {
     job: (job) => {
       const wasActive = isActive(project.job);
@@ -122,7 +126,9 @@ export async function projectScreen(root, session, id) {
   return () => {
     ended = true;
     stopListening();
+    forgetBack();
     photos.dispose();
+    reconstruct.dispose();
     result.dispose();
   };
 }

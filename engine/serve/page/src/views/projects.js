@@ -1,16 +1,43 @@
 // All projects.
-import { createProject, listProjects } from "../api.js";
-import { asked, during, h } from "../dom.js";
+import { createProject, listProjects, photoUrl } from "../api.js";
+import { suspect } from "../connection.js";
+import { asked, during, h, put, refill } from "../dom.js";
 import { date, plural, stateText } from "../format.js";
 
+const EVERY = 5000; // Milliseconds between two looks at the states of the projects.
+
 export async function projectsScreen(root) {
-  const projects = await listProjects();
+  let shown = await listProjects();
   const button = h("button", { type: "button", class: "main", onclick: () => during(button, create) }, "New project");
-  root.append(
+  const place = h("div", { class: "stack" });
+  put(
+    root,
     h("div", { class: "row apart" }, h("h1", null, "Projects"), button),
-    projects.length > 0 ? h("ul", { class: "projects" }, projects.map(item)) : welcome(),
+    place,
   );
-  return () => {};
+  fill();
+
+  function fill() {
+    refill(place, shown.length > 0 ? h("ul", { class: "projects" }, shown.map(item)) : welcome());
+  }
+
+  /** What waits or works changes by itself. */
+  async function refresh() {
+    if (document.hidden) return;
+    try {
+      const news = await listProjects();
+      if (JSON.stringify(news) === JSON.stringify(shown)) return;
+      shown = news;
+      const focused = document.activeElement?.getAttribute("href");
+      fill();
+      [...place.querySelectorAll("a")].find((link) => link.getAttribute("href") === focused)?.focus();
+    } catch {
+      suspect();
+    }
+  }
+
+  const timer = setInterval(refresh, EVERY);
+  return () => clearInterval(timer);
 }
 
 async function create() {
@@ -28,11 +55,19 @@ function item(project) {
     h(
       "a",
       { href: `#/projects/${encodeURIComponent(project.id)}`, class: "card" },
+      cover(project),
       h("h2", null, project.title),
       h("p", null, h("span", { class: `state ${project.state}` }, stateText(project.state))),
       h("p", { class: "quiet" }, facts),
     ),
   );
+}
+
+function cover(project) {
+  const empty = () => h("span", { class: "no-picture" }, "No photos yet");
+  if (!project.cover) return empty();
+  const picture = h("img", { src: photoUrl(project.id, project.cover, 320), alt: "", loading: "lazy", onerror: () => picture.replaceWith(empty()) });
+  return picture;
 }
 
 function welcome() {

@@ -1,0 +1,54 @@
+"""Short work of the engine that a request waits for: exports, the report, forecasts."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..errors import HeritageError, ProjectError
+from ..events import ErrorEvent, Finished, from_json_line
+
+__all__ = ["call_engine"]
+
+_ROOT = Path(__file__).resolve().parents[2]
+_MAX_SECONDS = 600
+_one_call = threading.Lock()
+"""One at a time: work on a large scene takes much memory."""
+
+
+def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
+    """Run ``python -m engine`` with `arguments` and return its results, see `engine.events.Finished`.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+    what : str
+        What is done, for the messages: "export".
+
+    Raises
+    ------
+    HeritageError
+        With the engine's own sentence.
+    ProjectError
+        When it takes too long.
+    """
+    command = [sys.executable, "-m", "engine", *arguments, "--events"]
+    environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
+    try:
+        with _one_call:
+            done = subprocess.run(
+                command, capture_output=True, text=True, env=environment, timeout=_MAX_SECONDS, check=False
+            )
+    except subprocess.TimeoutExpired as error:
+        raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. Make it in Blender.") from error
+    events = [from_json_line(line) for line in done.stdout.splitlines()]
+    if done.returncode:
+        sentences = [event.message for event in events if isinstance(event, ErrorEvent)]
+        raise HeritageError(sentences[-1] if sentences else f"The {what} failed. The server's log has the details.")
+    finished = [event.outputs for event in events if isinstance(event, Finished)]
+    return finished[-1] if finished else {}
