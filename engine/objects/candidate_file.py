@@ -57,7 +57,8 @@ def remember_candidates(
 ) -> None:
     """Store a refused text, why it was refused, and its nearest candidates, the best first, which need `photos`.
 
-    `words` may be asked for in place of the text. Those of other texts stay. Raises `DiskError` when a file cannot be written.
+    `words` may be asked for in place of the text. Those of other texts stay. Raises `DiskError` when a file cannot be
+    written.
     """
     stored = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
     refused = [entry for entry in stored["refused"] if entry["text"] != text]

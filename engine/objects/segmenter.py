@@ -82,8 +82,9 @@ class Segmenter:
         """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
 
         An object that has exactly the Gaussians of one that exists, or nearly those of one of the same text that was
-        corrected, is not stored: the record of that one is returned in its place, which a warning says. For `again` see `segment_each_text`; the progress is told to `context`. Raises
-        `PromptError` when no object was found. The nearest candidates of a text are then stored
+        corrected, is not stored: the record of that one is returned in its place, which a warning says. For `again` see
+        `segment_each_text`; the progress is told to `context`. Raises `PromptError` when no object was found. The
+        nearest candidates of a text are then stored
         (`engine.objects.candidate_file`).
         """
         started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context

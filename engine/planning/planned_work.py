@@ -85,7 +85,14 @@ def plan_several(
         device = choose_training_device(one.device)
         planned.append(
             plan_and_forecast(
-                photo_set, statistics, one, cameras=cameras, model=model, n_prompts=0, device=device, kept=None,
+                photo_set,
+                statistics,
+                one,
+                cameras=cameras,
+                model=model,
+                n_prompts=0,
+                device=device,
+                kept=None,
                 emit=emit,
             )  # fmt: skip
         )

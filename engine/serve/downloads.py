@@ -31,7 +31,9 @@ _one_export = threading.Lock()
 """Two requests for the same file make it once."""
 
 
-def exported_file(project: WebProject, object_id: str | None, file_format: DownloadFormat, frame: str = "upright") -> Path:
+def exported_file(
+    project: WebProject, object_id: str | None, file_format: DownloadFormat, frame: str = "upright"
+) -> Path:
     """Return the scene (None) or an object as a file; it is written unless it was since its last change.
 
     With the frame ``world``, that of the cameras, the file is for the viewer and holds far Gaussians, too.

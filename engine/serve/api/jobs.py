@@ -14,8 +14,8 @@ from ...records import RECORD_FILE
 from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import has_scene
 from ..library import WebProject
-from ..videos import frames_arguments
 from ..settings import ServeSettings
+from ..videos import frames_arguments
 
 __all__ = ["router"]
 

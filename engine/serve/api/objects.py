@@ -56,8 +56,8 @@ def read_thumbnail(object_id: str, project: CurrentProject, request: Request) ->
 def read_members(object_id: str, project: CurrentProject) -> Response:
     """Return which Gaussians of the scene belong to an object.
 
-    A bit for each Gaussian in the order of the scene's PLY for the viewer, the lowest bit of each byte first; the header
-    ``X-Count`` has their number.
+    A bit for each Gaussian in the order of the scene's PLY for the viewer, the lowest bit of each byte first; the
+    header ``X-Count`` has their number.
     """
     _object(project, object_id)
     record = read_record(object_file(project.project, object_id, RECORD_FILE))

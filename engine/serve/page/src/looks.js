@@ -8,8 +8,8 @@ export const DIMMED = 3;
 
 const LIGHT = [1.0, 0.72, 0.1]; // colour of a lit object, amber
 const LIGHT_SHARE = 0.55;
-const DIM_COLOUR = 0.35; // share of the colour that is left
-const DIM_OPACITY = 0.12; // share of the opacity that is left
+const DIM_COLOUR = 0.5; // share of the colour that is left
+const DIM_OPACITY = 0.4; // share of the opacity that is left
 const SH_C0 = 0.28209479177387814; // by definition
 const INVISIBLE = -1e3; // logit of an opacity of 0
 

@@ -22,7 +22,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   const name = h("h3");
   const facts = h("p", { class: "quiet" });
   const picture = h("span", { class: "thumbnail" });
-  const buttons = createObjectButtons(looks, () => object, (one) => stage.point(one), [picture, h("span", null, name, facts)]);
+  const buttons = createObjectButtons(looks, () => object, (one) => stage.point(one, true), [picture, h("span", null, name, facts)]);
   const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");
   const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, "Correct");
   const download = (format) => h("li", null, h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, formatName(format)));

@@ -34,16 +34,17 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     home,
     unit: () => unit,
     file: () => "picture",
-    frame: () => box,
+    frame: () => frame,
   });
   const picked = createPicked(context, { openPhoto, isPickable: () => alone.hidden && !tools.measure.isOn() });
-  const box = h("div", { class: "canvas-box" }, canvas, tools.parts, picked.dot, loading, alone, picked.element, tools.element);
+  const box = h("div", { class: "canvas-box" }, canvas, tools.parts, picked.dot, loading, alone, picked.element);
+  const frame = h("div", { class: "frame" }, box, tools.element);
   const strip = h("ul", { class: "strip", "aria-label": "Look from a photo's place" });
   roving(strip, "button");
   const element = h(
     "div",
     { class: "stage" },
-    box,
+    frame,
     h("details", { class: "help" }, h("summary", null, "How to move"), h("p", { class: "hint" }, `${HELP} A click on an object isolates it.`)),
     h("h2", { class: "strip-title" }, "Look from where a photo was taken"),
     strip,
@@ -90,9 +91,10 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     else if (views.length > 0) lookFrom(views[0]);
   }
 
-  /** Light an object in the scene, and look from the place of a photo that shows it. */
-  async function point(object) {
+  /** Light an object in the scene, and look from the place of a photo that shows it; with `scroll` the page follows. */
+  async function point(object, scroll = false) {
     if (!viewer) return;
+    if (scroll) box.scrollIntoView({ block: "nearest" });
     if (!alone.hidden) await showScene();
     await looks.light(object.id);
     const view = viewer.lookAt(await looks.members(object.id), views);
