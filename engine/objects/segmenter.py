@@ -271,7 +271,8 @@ class Segmenter:
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:
-                self.emit(Warned(found_again(item.name or name, same)))
+                is_exact = same.n_gaussians == int(item.members.sum())
+                self.emit(Warned(found_again(item.name or name, same, is_exact=is_exact)))
                 records.append(same)
                 continue
             polished = next(each)

@@ -141,8 +141,13 @@ def new_name(name: str, taken: Sequence[str]) -> str:
     return _numbered(name, set(taken))
 
 
-def found_again(name: str, same: ObjectRecord) -> str:
-    """Return a sentence that what was to be stored as `name` is the object `same`, which exists."""
+def found_again(name: str, same: ObjectRecord, *, is_exact: bool = True) -> str:
+    """Return a sentence that what was to be stored as `name` is the object `same`, which exists.
+
+    With `is_exact`, it has exactly the same Gaussians; otherwise `same` was changed after it was isolated.
+    """
+    if not is_exact:
+        return f"{name!r} is {same.name!r}, which was changed since it was isolated, so no second object was stored."
     which = "exists already with" if name == same.name else "has"
     owner = "these Gaussians" if name == same.name else f"the Gaussians of {same.name!r}, which exists already"
     return f"{name!r} {which} exactly {owner}, so no second object was stored."

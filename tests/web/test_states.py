@@ -1,4 +1,4 @@
-"""What the page shows in each state: an empty server, uploads, waiting and running work, failures, a server that is gone."""
+"""What the page shows in each state: empty, uploading, waiting, running, failed, server gone, signed out."""
 
 from __future__ import annotations
 

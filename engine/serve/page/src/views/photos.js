@@ -169,7 +169,7 @@ export function createPhotos(context) {
     const state = video.problem || (video.n_photos > 0 ? `${plural(video.n_photos, "photo")} taken from it` : "No photos taken from it yet");
     return h(
       "li",
-      { class: video.problem ? "bad" : "" },
+      { class: video.problem ? "video bad" : "video" },
       h("span", { class: "no-picture" }, "Video"),
       removeButton(video),
       h("p", { class: "name", title: video.name }, video.name),

@@ -90,7 +90,7 @@ export async function projectScreen(root, session, id) {
     photos.update(project);
     reconstruct.update(project);
     // Jobs of objects are shown beside the objects.
-    progress.update(isFirst || project.job?.kind !== "segment" ? project.job : null, project.waiting);
+    progress.update(isShown(project.job, isFirst) ? project.job : null, project.waiting);
     result.update(project);
   }
 
@@ -131,6 +131,12 @@ export async function projectScreen(root, session, id) {
     reconstruct.dispose();
     result.dispose();
   };
+}
+
+/** Whether the progress at the top is that of a job: the tile of a video tells why it gave no photos. */
+function isShown(job, isFirst) {
+  if (job?.kind === "frames") return isActive(job);
+  return isFirst || job?.kind !== "segment";
 }
 
 export function isActive(job) {
