@@ -19,6 +19,17 @@ from benchmarks.serve.page import serving
 from .conftest import PAGE, PHOTOS, PLACES, ROOT, RUN_MS, keep_picture, new_project
 
 OpenOwn = Callable[..., Page]
+HIDDEN_TAB = """
+() => {
+  window.told = [];
+  window.Notification = class {
+    static permission = "granted";
+    constructor(title, { body }) { window.told.push(body); }
+  };
+  Object.defineProperty(document, "hidden", { get: () => true });
+}
+"""
+"""Makes the page believe that another tab is seen, and keeps the texts of its notifications."""
 
 
 class OwnServer:
@@ -185,6 +196,7 @@ def test_work_is_shown_while_it_waits_runs_and_fails(server: OwnServer, open_own
     choose(running, PHOTOS)
     expect(photo_tiles(running)).to_have_count(len(PHOTOS), timeout=60_000)  # type: ignore[arg-type]
     waiting = open_own(server.address)
+    waiting.evaluate(HIDDEN_TAB)
     new_project(waiting, "Waiting")
     choose(waiting, grey_photos(tmp_path / "grey"))
     expect(photo_tiles(waiting)).to_have_count(3, timeout=60_000)  # type: ignore[arg-type]
@@ -192,6 +204,7 @@ def test_work_is_shown_while_it_waits_runs_and_fails(server: OwnServer, open_own
     waiting.get_by_role("button", name="Reconstruct", exact=True).click()
     expect(waiting.get_by_text("The server is busy with other work.")).to_be_visible()
     keep_picture(waiting, "state_waiting")
+    waiting.get_by_role("button", name="Notify me at the end").click()
     # The stage in words, and the time of all stages as soon as there is a forecast.
     expect(running.get_by_text("Finding out where the photos were taken")).to_be_visible(timeout=RUN_MS)
     expect(running.get_by_text(re.compile("left in all"))).to_be_visible(timeout=RUN_MS)
@@ -201,6 +214,9 @@ def test_work_is_shown_while_it_waits_runs_and_fails(server: OwnServer, open_own
     expect(running.get_by_role("heading", name="stopped")).to_be_visible(timeout=RUN_MS)
     expect(waiting.get_by_role("heading", name="could not be finished")).to_be_visible(timeout=RUN_MS)
     keep_picture(waiting, "state_failed")
+    told = "Reconstruct the scene: could not be finished"
+    assert waiting.evaluate("window.told") == [told]
+    assert waiting.title() == f"✓ {told}"
 
 
 @pytest.mark.web

@@ -38,6 +38,16 @@ def test_program_reads_the_same_as_json(photos: Path, capsys: pytest.CaptureFixt
     assert {stage["stage"] for stage in said["forecast"]["stages"]} >= {"photos", "cameras", "masks", "training"}
 
 
+def test_time_of_every_preset_is_told_at_once(photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (finished,) = call(capsys, "plan", photos, "--every-preset").of_kind("finished")
+    seconds = finished["outputs"]["seconds"]
+    assert {"preview", "standard", "best"} <= set(seconds)
+    assert all(low < middle < high for low, middle, high in seconds.values())
+    assert seconds["preview"][1] < seconds["standard"][1] < seconds["best"][1]
+    assert main(["plan", str(photos), "--every-preset"]) == 0
+    assert "in 8 of 10 runs" in capsys.readouterr().out
+
+
 def test_wishes_change_the_plan(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     model = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
     answer = call(capsys, "plan", photos, "--no-objects", "--cameras", model)

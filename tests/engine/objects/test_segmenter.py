@@ -19,6 +19,7 @@ from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership, load_object, save_object
 from engine.objects.trash import list_trash, restore_object
 from engine.project_folder import ProjectFolder
+from engine.refused_prompts import read_not_found
 from engine.scene.polished import load_polished
 from engine.words import split_texts
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
@@ -82,6 +83,33 @@ def test_text_that_means_a_stored_object_is_told_as_that_object(blobs: BlobScene
     changed[np.argmax(changed)] = 0
     save_object(project.path, replace(rename, n_gaussians=int((changed >= 0.5).sum()), levels=()), changed)
     assert ask("blue sphere") == (["blue-sphere"], [])
+
+
+def test_corrected_object_is_found_again_by_its_word_in_capitals(blobs: BlobScene, project: ProjectFolder) -> None:
+    class Any(FakeDetector):
+        def check_prompt(self, prompt):  # type: ignore[no-untyped-def]
+            return super().check_prompt(prompt.lower())
+
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return super().score_descriptions(described, prompt.lower())
+
+    events: list[Event] = []
+    asking = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Any(blobs), emit=events.append)
+    asking.segment_texts(["blue ball"], None)
+    asking.refine("blue ball", [point(blobs, RED, "view_1.png")], [])
+    corrected = load_object(project.path, "blue-ball")
+    records, _ = asking.segment_texts(["Blue ball"], None)
+    assert [one.id for one in records] == ["blue-ball"] == [one.id for one in list_objects(project.path)]
+    assert load_object(project.path, "blue-ball") == corrected
+    told = [event.message for event in events if isinstance(event, Warned)]
+    assert told == ["'Blue ball' is 'blue ball', which was changed since it was isolated, so no second object was stored."]
+
+
+def test_words_to_try_are_stored_beside_a_word_that_is_not_known(blobs: BlobScene, project: ProjectFolder) -> None:
+    with pytest.raises(PromptError):
+        segmenter_of(project, blobs, SMALL).segment_texts(["astrolabe"], None)
+    found = read_not_found(project.path)
+    assert found is not None and found.words == ("red ball", "blue ball")
 
 
 def test_misspelt_name_of_a_stored_object_names_it(blobs: BlobScene, project: ProjectFolder) -> None:

@@ -5,7 +5,7 @@ const FIRST_WAIT = 2000;
 const LONGEST_WAIT = 30000;
 
 /**
- * Listen to a project. `handlers` has the functions job(data), photos(), objects(), scene(), and reconnected(), which is
+ * Listen to a project. `handlers` has the functions job(data), waiting(), photos(), objects(), scene(), and reconnected(), which is
  * called after a gap: events may be missing then, so the project must be read again. Return a function that ends it.
  */
 export function listen(url, handlers) {
@@ -30,7 +30,7 @@ export function listen(url, handlers) {
       timer = setTimeout(open, wait);
       wait = Math.min(2 * wait, LONGEST_WAIT);
     };
-    for (const name of ["job", "photos", "objects", "scene"]) {
+    for (const name of ["job", "waiting", "photos", "objects", "scene"]) {
       source.addEventListener(name, (event) => handlers[name](parsed(event.data)));
     }
   }

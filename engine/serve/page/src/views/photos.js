@@ -16,7 +16,8 @@ export function createPhotos(context) {
   let wasBusy = false;
   let known = 0;
 
-  const choose = picker({ multiple: true, accept: "image/*,video/*" });
+  // Not every system knows HEIC and MKV as pictures and videos, so their endings are named too.
+  const choose = picker({ multiple: true, accept: ["image/*", "video/*", ...limits.photo_types, ...limits.video_types].join() });
   const take = picker({ accept: "image/*", capture: "environment" });
   const chooseButton = h("button", { type: "button", class: "main", onclick: () => choose.click() }, "Choose photos");
   const drop = h(

@@ -10,7 +10,8 @@ import { createReconstruct } from "./reconstruct.js";
 import { createResult } from "./result.js";
 
 export async function projectScreen(root, session, id) {
-  let project = await getProject(id);
+  const read = await getProject(id);
+  let project = { ...read, job: present(read) };
   let reading = false;
   let readAgain = false;
   let ended = false;
@@ -50,6 +51,7 @@ export async function projectScreen(root, session, id) {
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
   const facts = h("p", { class: "quiet facts", hidden: true });
+  const health = h("p", { class: "problem" }); // what the check of the cameras found
   // With a scene, the photos are of less interest and are folded.
   const summary = h("summary", null, "Photos and reconstruction");
   const inside = h("div", { class: "stack" });
@@ -75,14 +77,17 @@ export async function projectScreen(root, session, id) {
   }
 
   function update(news) {
-    project = news;
-    title.textContent = project.title;
-    document.title = `${project.title} – Gaussian Heritage`;
+    project = { ...news, job: present(news) };
+    if (title.textContent !== project.title) {
+      title.textContent = project.title;
+      document.title = `${project.title} – Gaussian Heritage`;
+    }
     const hasScene = Boolean(project.scene);
     const isFirst = !hasScene || (isActive(project.job) && project.job.kind === "reconstruct");
     for (const file of files) show(file, hasScene);
     show(facts, hasScene);
     facts.textContent = hasScene ? sceneFacts(project) : "";
+    health.textContent = project.scene?.cameras ?? "";
     const place = hasScene ? inside : open;
     if (photos.element.parentElement !== place) put(place, photos.element, reconstruct.element);
     show(folded, hasScene);
@@ -99,6 +104,7 @@ export async function projectScreen(root, session, id) {
     h("p", { class: "back" }, h("a", { href: "#/" }, "← All projects")),
     h("div", { class: "row apart" }, title, h("div", { class: "row" }, files, rename)),
     facts,
+    health,
     progress.element,
     open,
     result.element,
@@ -115,6 +121,7 @@ export async function projectScreen(root, session, id) {
       if (job.id !== project.job?.id || wasActive !== isActive(job)) refresh();
       else update({ ...project, job });
     },
+    waiting: refresh,
     photos: refresh,
     objects: refresh,
     scene: () => {
@@ -133,6 +140,11 @@ export async function projectScreen(root, session, id) {
   };
 }
 
+/** The job that works or, without one, that waits for its turn; otherwise the last one. */
+function present({ job, waiting }) {
+  return isActive(job) || waiting.length === 0 ? job : waiting[0];
+}
+
 /** Whether the progress at the top is that of a job: the tile of a video tells why it gave no photos. */
 function isShown(job, isFirst) {
   if (job?.kind === "frames") return isActive(job);
@@ -146,6 +158,5 @@ export function isActive(job) {
 function sceneFacts(project) {
   const parts = [plural(project.n_photos, "photo"), plural(project.scene.n_gaussians, "Gaussian")];
   if (project.scene.psnr) parts.push(`quality ${project.scene.psnr.toFixed(1)} dB (PSNR)`);
-  if (project.scene.cameras) parts.push(project.scene.cameras);
   return parts.join(" · ");
 }
