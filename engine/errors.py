@@ -23,6 +23,8 @@ engine's entry point (an ``error`` event, one sentence, a nonzero exit code) and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 __all__ = [
     "CameraError",
     "Cancelled",
@@ -81,9 +83,13 @@ class ObjectError(HeritageError):
 
 
 class PromptError(ObjectError):
-    """A prompt matched nothing, or is outside of the detector's vocabulary."""
+    """A prompt matched nothing, or is outside of the detector's vocabulary; `words` may be tried in its place."""
 
     exit_code = 3
+
+    def __init__(self, *message: str, words: Sequence[str] = ()) -> None:
+        super().__init__(*message)
+        self.words = tuple(words)
 
 
 class FormatError(HeritageError):

@@ -48,21 +48,16 @@ def forget_candidates(project: Path) -> None:
 
 
 def remember_candidates(
-    project: Path,
-    text: str,
-    message: str,
-    candidates: Sequence[FoundObject],
-    photos: Photos | None,
+    project: Path, text: str, message: str, candidates: Sequence[FoundObject], photos: Photos | None,
     words: Sequence[str] = (),
-) -> None:
+) -> None:  # fmt: skip
     """Store a refused text, why it was refused, and its nearest candidates, the best first, which need `photos`.
 
-    `words` may be asked for in place of the text. Those of other texts stay. Raises `DiskError` when a file cannot be
-    written.
+    Those of other texts stay. `words` may be tried instead. Raises `DiskError` when a file cannot be written.
     """
     stored = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
-    refused = [entry for entry in stored["refused"] if entry["text"] != text]
-    refused.append({"text": text, "message": message, "words": list(words)})
+    others = (one for one in stored["refused"] if one["text"] != text)
+    refused = [*others, {"text": text, "message": message, "words": [*words]}]
     entries = [entry for entry in stored["candidates"] if entry["text"] != text]
     last = max((entry["number"] for entry in stored["candidates"]), default=0)
     for number, candidate in enumerate(candidates, last + 1):

@@ -24,7 +24,7 @@ from .views import View, Views
 from .votes import THRESHOLD, MaskEvidence
 
 __all__ = [
-    "UnknownWordError", "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
+    "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
     "evidence_of_exclusions", "evidence_of_places", "find_evidence", "pixel_of", "places_in",
     "require_known", "require_mask",
 ]  # fmt: skip
@@ -164,16 +164,8 @@ def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     return int(round(float(columns.mean()))), int(round(float(rows.mean())))
 
 
-class UnknownWordError(PromptError):
-    """The detector does not know a text; `words` are the nearest ones that it knows, the nearest first."""
-
-    def __init__(self, message: str, words: Sequence[str]) -> None:
-        super().__init__(message)
-        self.words = tuple(words)
-
-
 def require_known(text: str, context: SegmentationContext) -> None:
-    """Raise `UnknownWordError` for a text that the detector does not know; its message lists the nearest words."""
+    """Raise `PromptError` for a text that the detector does not know; the message lists the nearest words it knows."""
     check = context.detector.check_prompt(text)
     if check.known:
         return
@@ -183,4 +175,4 @@ def require_known(text: str, context: SegmentationContext) -> None:
         sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest)}."
     if "click" not in sentence.lower():
         sentence += " You can click on the object instead."
-    raise UnknownWordError(sentence, nearest)
+    raise PromptError(sentence, words=nearest)

@@ -20,11 +20,11 @@ from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord, found_again, new_id, new_name
 from ..scene import Camera, PinholeCamera, Polished
 from ..settings import to_dict
-from ..words import called_nearly, normalised
+from ..words import called_nearly
 from .arrays import Float32, Mask
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
-from .evidence import UnknownWordError, evidence_of_clicks, find_evidence
+from .evidence import evidence_of_clicks, find_evidence
 from .lifting import FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
 from .polishing import polish
@@ -81,10 +81,9 @@ class Segmenter:
     ) -> list[ObjectRecord]:
         """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
 
-        An object that has exactly the Gaussians of one that exists, or nearly those of one of the same text that was
-        corrected, is not stored: the record of that one is returned in its place, which a warning says. For `again` see
-        `segment_each_text`; the progress is told to `context`. Raises `PromptError` when no object was found. The
-        nearest candidates of a text are then stored
+        An object that exists, see `_same_as`, is not stored: the record of that one is returned in
+        its place, which a warning says. For `again` see `segment_each_text`; the progress is told to `context`. Raises
+        `PromptError` when no object was found. The nearest candidates of a text are then stored
         (`engine.objects.candidate_file`).
         """
         started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context
@@ -96,8 +95,7 @@ class Segmenter:
                 nearest = error.candidates if isinstance(error, NoMatchError) else ()
                 names = [record.name for record in list_objects(self.project.path) if record.id != BACKGROUND]
                 message += called_nearly(prompt.text, names)
-                words = error.words if isinstance(error, UnknownWordError) else ()
-                remember_candidates(self.project.path, prompt.text, message, nearest, context.photos, words)
+                remember_candidates(self.project.path, prompt.text, message, nearest, context.photos, error.words)
             raise PromptError(message) from error
         if isinstance(prompt, TextPrompt):
             asked["detector"] = context.detector.name
@@ -271,8 +269,7 @@ class Segmenter:
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:
-                is_exact = same.n_gaussians == int(item.members.sum())
-                self.emit(Warned(found_again(item.name or name, same, is_exact=is_exact)))
+                self.emit(Warned(found_again(item.name or name, same, int(item.members.sum()))))
                 records.append(same)
                 continue
             polished = next(each)
@@ -286,22 +283,16 @@ class Segmenter:
         return records
 
     def _same_as(self, members: Mask, asked: dict[str, Any]) -> ObjectRecord | None:
-        """Return the stored object that these Gaussians, bool [N], were asked for again, without the background.
-
-        It consists of exactly these or, where it was asked for by the same words and then changed, of nearly these.
-        """
-        text = normalised(str(asked.get("text", "")))
+        """Return the object of exactly these Gaussians, bool [N], or nearly these if asked for so and changed since."""
+        count = int(members.sum())
         for record in list_objects(self.project.path):
-            if record.prompt.get("kind") == BACKGROUND or record.n_scene_gaussians != len(members):
-                continue
-            is_of_text = bool(text) and normalised(str(record.prompt.get("text", ""))) == text
-            was_changed = is_of_text and (record.refined or record.levels)
-            if not was_changed and record.n_gaussians != int(members.sum()):
+            counts = (record.n_scene_gaussians, count if record.was_changed(asked) else record.n_gaussians)
+            if record.prompt.get("kind") == BACKGROUND or counts != (len(members), count):
                 continue
             # A damaged object equals none; what reads it says so.
             with contextlib.suppress(FormatError):
                 stored = load_membership(self.project.path, record.id) >= record.threshold
-                if np.array_equal(stored, members) or (was_changed and is_same(stored, members)):
+                if np.array_equal(stored, members) or (record.was_changed(asked) and is_same(stored, members)):
                     return record
         return None
 

@@ -17,8 +17,8 @@ __all__ = ["call_engine"]
 
 _ROOT = Path(__file__).resolve().parents[2]
 _MAX_SECONDS = 600
-_one_call = threading.Lock()
-"""One at a time: work on a large scene takes much memory."""
+_few_calls = threading.BoundedSemaphore(2)
+"""Few at a time: work on a large scene takes much memory."""
 
 
 def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "engine", *arguments, "--events"]
     environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
     try:
-        with _one_call:
+        with _few_calls:
             done = subprocess.run(
                 command, capture_output=True, text=True, env=environment, timeout=_MAX_SECONDS, check=False
             )

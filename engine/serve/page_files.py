@@ -12,8 +12,11 @@ from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
 
+from ..files import read_bytes
+
 __all__ = ["PageFiles"]
 
+_MAX_BYTES = 1 << 25
 _COMPRESSED = (".js", ".css", ".html", ".txt")
 
 
@@ -46,4 +49,4 @@ class PageFiles(StaticFiles):
 @functools.lru_cache(maxsize=16)
 def _compressed(file: Path, changed: int) -> bytes:
     """Return a file with gzip; it is compressed once for all requests."""
-    return gzip.compress(file.read_bytes(), mtime=0)
+    return gzip.compress(read_bytes(file, max_bytes=_MAX_BYTES, advice="Build the page again."), mtime=0)

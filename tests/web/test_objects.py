@@ -91,8 +91,8 @@ def test_isolated_object_is_lit_hidden_and_the_rest_dimmed(scene: Page, tmp_path
 
 @pytest.mark.web
 def test_new_object_is_lit_at_once(scene: Page) -> None:
-    isolate(scene, "goblet")
-    one = card(scene, "goblet")
+    isolate(scene, "teapot")
+    one = card(scene, "teapot")
     expect(one).to_be_visible(timeout=RUN_MS)
     expect(one.locator("button.point")).to_have_attribute("aria-pressed", "true")
 

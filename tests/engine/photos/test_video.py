@@ -61,7 +61,7 @@ def test_number_of_photos_is_limited(tmp_path: Path) -> None:
     assert 3 <= len(frames_of(video, tmp_path / "out", settings)) <= 5
 
 
-@pytest.mark.parametrize("offsets", [[4 * step for step in range(60)], [step // 20 for step in range(60)]])
+@pytest.mark.parametrize("offsets", [[4 * step for step in range(60)], [step // 3 for step in range(60)]])
 def test_more_photos_are_taken_by_the_density(tmp_path: Path, offsets: list[int]) -> None:
     """Of a camera that moves much and of one that hardly moves."""
     video = write_video(tmp_path / "a.mp4", offsets)

@@ -2,7 +2,7 @@
 import { looksOf, unpackedBits } from "./looks.js";
 
 /**
- * Return {isHidden(id), lit(), isDim(), setHidden(id, value), light(id), setDim(value), again(), forget(id), members(id)}.
+ * Return {isHidden(id), lit(), isDim(), setHidden(id, value), light(id), setDim(value), reset(), forget(id), members(id)}.
  * `read(id)` returns a promise of {count, bits}: the number of Gaussians of the scene and a bit for each, packed.
  * `changed()` is called after each change, before the picture shows it.
  */
@@ -53,8 +53,14 @@ export function createObjectLooks(viewer, read, changed = () => {}) {
       dim = value;
       return apply();
     },
-    /** Show the same again: the scene was loaded anew. */
-    again: apply,
+    /** Another scene is loaded, whose Gaussians are other ones: all look as they are. */
+    reset: () => {
+      known.clear();
+      hidden.clear();
+      lit = null;
+      turn += 1;
+      changed();
+    },
     /** An object was changed or deleted: what is known of it is wrong. */
     forget: (id, isGone) => {
       known.delete(id);

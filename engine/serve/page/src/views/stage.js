@@ -70,8 +70,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
       else viewer.frame(cameras.center, cameras.radius, cameras.up);
       await viewer.load(sceneUrl(id), (share) => setText(loading, `Loading the scene… ${Math.round(100 * share)} %`));
       if (turn !== starts) return;
-      // The order of the Gaussians is that of the new scene.
-      await looks.again();
+      looks.reset();
       show(loading, false);
       box.dataset.ready = "true";
     } catch (error) {
