@@ -56,6 +56,7 @@ class JobView:
     error: str = ""
     curve: tuple[tuple[float, float], ...] = ()
     preview: bool = False
+    objects: tuple[str, ...] = ()
 
 
 class JobQueue:
@@ -321,7 +322,14 @@ def _view_of_job(job: Job) -> JobView:
         error=state.error,
         curve=tuple(state.curve),
         preview=bool(state.preview),
+        objects=_objects_of(state),
     )
+
+
+def _objects_of(state: JobState) -> tuple[str, ...]:
+    """Return the ids of the objects that a job made, changed or found again."""
+    found = state.outputs.get("objects", ())
+    return tuple(map(str, found)) if isinstance(found, list) else ()
 
 
 def _left_in_all(job: Job, state: JobState) -> float | None:

@@ -38,7 +38,7 @@ def isolate(page: Page, words: str) -> None:
 
 def card(page: Page, name: str) -> Locator:
     """Return the card of an object."""
-    return page.locator("li.object").filter(has=page.get_by_role("heading", name=name, exact=True))
+    return page.locator("li.object").filter(has=page.locator(".object-name", has_text=re.compile(f"^{name}$")))
 
 
 def vase(page: Page) -> Locator:
@@ -109,7 +109,8 @@ def test_same_word_in_capitals_is_the_same_object(scene: Page) -> None:
     vase(scene)
     before = scene.locator("li.object").count()
     isolate(scene, "Vase")
-    expect(scene.get_by_text("found again").or_(scene.get_by_text("already"))).to_be_visible(timeout=RUN_MS)
+    expect(scene.get_by_text("Found again: vase")).to_be_visible(timeout=RUN_MS)
+    expect(card(scene, "vase").locator("button.point")).to_have_attribute("aria-pressed", "true")
     expect(scene.locator("li.object")).to_have_count(before)
 
 

@@ -19,8 +19,8 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   let alone = false;
   let version = Date.now(); // in the address, so that a corrected object is loaded again
 
-  const name = h("h3");
-  const facts = h("p", { class: "quiet" });
+  const name = h("span", { class: "object-name" });
+  const facts = h("span", { class: "quiet" });
   const picture = h("span", { class: "thumbnail" });
   const buttons = createObjectButtons(looks, () => object, (one) => stage.point(one, true), [picture, h("span", null, name, facts)]);
   const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");

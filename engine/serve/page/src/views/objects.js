@@ -9,6 +9,7 @@ export function createObjects(context, { stage, clicks }) {
   const { id } = context;
   const cards = new Map(); // id of the object -> its card
   let names = null; // of the last update, to tell what is new
+  let lastDone = null; // id of the last isolation that ended, "" before one
 
   const words = h("input", { type: "text", placeholder: "vase, teapot", autocomplete: "off", maxlength: 500, required: true, enterkeyhint: "go" });
   const isolate = h("button", { class: "main" }, "Isolate");
@@ -94,11 +95,19 @@ export function createObjects(context, { stage, clicks }) {
     }
     const fresh = project.objects.filter((object) => names && !names.has(object.id));
     show(dimming, project.objects.length > 0);
-    // What an isolation made is lit, so that it is seen at once.
-    const made = fresh.find((object) => object.kind !== "background");
-    if (made) stage.point(made).catch((error) => notify(error.message));
+    lightResult(project, isDone);
+    lastDone ??= "";
     if (fresh.length > 0) announce(`New: ${fresh.map((object) => object.name).join(", ")}.`);
     names = present;
+  }
+
+  /** Light what an isolation made or found again, so that it is seen at once. */
+  function lightResult({ job, objects }, isDone) {
+    if (!isDone || job.id === lastDone) return;
+    const isNews = lastDone !== null;
+    lastDone = job.id;
+    const object = objects.find((one) => one.id === job.objects[0] && one.kind !== "background");
+    if (isNews && object) stage.point(object).catch((error) => notify(error.message));
   }
 
   /** Mark the object that is shown alone; null for the whole scene. */

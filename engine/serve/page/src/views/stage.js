@@ -152,9 +152,10 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     // Where the object was seen from: an orbit around it may have led behind a wall.
     const nearest = viewer.nearestView(views);
     tools.measure.end();
-    await viewer.showOnly(null);
-    show(alone, false);
+    const drawn = viewer.showOnly(null);
     if (nearest) lookFrom(nearest);
+    await drawn;
+    show(alone, false);
     sceneShown();
     announce("The whole scene is shown.");
   }
