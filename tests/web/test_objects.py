@@ -94,7 +94,7 @@ def test_new_object_is_lit_at_once(scene: Page) -> None:
     isolate(scene, "teapot")
     one = card(scene, "teapot")
     expect(one).to_be_visible(timeout=RUN_MS)
-    expect(one.locator("button.point")).to_have_attribute("aria-pressed", "true")
+    expect(one.locator("button.point[aria-pressed=true]")).to_be_visible(timeout=RUN_MS)
 
 
 @pytest.mark.web
@@ -110,7 +110,8 @@ def test_same_word_in_capitals_is_the_same_object(scene: Page) -> None:
     before = scene.locator("li.object").count()
     isolate(scene, "Vase")
     expect(scene.get_by_text("Found again: vase")).to_be_visible(timeout=RUN_MS)
-    expect(card(scene, "vase").locator("button.point")).to_have_attribute("aria-pressed", "true")
+    lit = card(scene, "vase").locator("button.point[aria-pressed=true]")
+    expect(lit).to_be_visible(timeout=RUN_MS)
     expect(scene.locator("li.object")).to_have_count(before)
 
 
