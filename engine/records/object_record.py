@@ -121,7 +121,7 @@ class ObjectRecord:
     run: dict[str, Any] | None = None
 
     def was_changed(self, asked: dict[str, Any]) -> bool:
-        """Return whether the object was asked for by the text of the prompt `asked`, and corrected or resized after."""
+        """Return whether the object was asked for by the text of a prompt, and corrected or resized after."""
         text, own = (normalised(str(prompt.get("text", ""))) for prompt in (asked, self.prompt))
         return bool(text) and text == own and bool(self.refined or self.levels)
 

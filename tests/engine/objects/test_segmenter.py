@@ -104,8 +104,6 @@ def test_corrected_object_is_found_again_by_its_word_in_capitals(blobs: BlobScen
     told = [event.message for event in events if isinstance(event, Warned)]
     changed = "'Blue ball' is 'blue ball', which was changed since it was isolated, so no second object was stored."
     assert told == [changed]
-        "'Blue ball' is 'blue ball', which was changed since it was isolated, so no second object was stored."
-    ]
 
 
 def test_words_to_try_are_stored_beside_a_word_that_is_not_known(blobs: BlobScene, project: ProjectFolder) -> None:

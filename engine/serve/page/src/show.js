@@ -79,6 +79,7 @@ function objectList() {
   const looks = createObjectLooks(() => viewer, read, () => rows.forEach((row) => row.update()));
   const point = async (object) => {
     if (!viewer) return;
+    box.scrollIntoView({ block: "nearest" });
     await looks.light(object.id);
     view = viewer.lookAt(await looks.members(object.id), data.views);
     announce(`${object.name} is lit in the scene.`);
