@@ -206,12 +206,12 @@ def test_work_is_shown_while_it_waits_runs_and_fails(server: OwnServer, open_own
     keep_picture(waiting, "state_waiting")
     waiting.get_by_role("button", name="Notify me at the end").click()
     # The stage in words, and the time of all stages as soon as there is a forecast.
-    expect(running.locator("p.stage")).to_contain_text("Finding out where the photos were taken", timeout=RUN_MS)
+    expect(running.locator("p.stage").first).to_contain_text("Finding out where the photos were taken", timeout=RUN_MS)
     expect(running.get_by_text(re.compile("left in all"))).to_be_visible(timeout=RUN_MS)
     keep_picture(running, "state_running")
     running.get_by_role("button", name="Stop").click()
     running.get_by_role("dialog").get_by_role("button", name="Stop").click()
-    expect(running.get_by_role("heading", name="stopped")).to_be_visible(timeout=RUN_MS)
+    expect(running.get_by_role("button", name="Try again")).to_be_visible(timeout=RUN_MS)
     expect(waiting.get_by_role("heading", name="could not be finished")).to_be_visible(timeout=RUN_MS)
     keep_picture(waiting, "state_failed")
     told = "Reconstruct the scene: could not be finished"
