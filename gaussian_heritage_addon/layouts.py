@@ -9,13 +9,12 @@ import blf
 import bpy
 from bpy.app.translations import pgettext_n
 
-from ..engine.jobs import Job, JobState, format_seconds
+from ..engine.jobs import Job, JobState, format_seconds, seconds_left_in_all
 from .curve import Point
 from .pictures import curve_icon, picture_icon
 from .planned_device import planned_device
 from .problems import plain_text
 from .text_lines import lines_of
-from .time_left import seconds_left_in_all
 from .translations import translated
 
 __all__ = ["draw_curve", "draw_job", "draw_text"]

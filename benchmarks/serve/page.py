@@ -37,15 +37,15 @@ LONGEST_MS = 120_000
 
 
 @contextmanager
-def serving(folder: Path) -> Iterator[str]:
-    """Run the server with the data in `folder`, and yield its address."""
-    command = [sys.executable, "-m", "engine", "serve", "--events", f"--data={folder}", "--port=0"]
+def serving(folder: Path, *more: str) -> Iterator[str]:
+    """Run the server with the data in `folder` and `more` arguments, and yield its address on this computer."""
+    command = [sys.executable, "-m", "engine", "serve", "--events", f"--data={folder}", "--port=0", *more]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stdout is not None
-    found = re.search(r"http://[^ ]+/", process.stdout.readline())
+    found = re.search(r"(https?)://[^ /]+:(\d+)/", process.stdout.readline())
     assert found is not None
     try:
-        yield found[0]
+        yield f"{found[1]}://127.0.0.1:{found[2]}/"
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()

@@ -24,6 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max", type=int, default=VideoSettings.max_frames, help="most photos to write (default: %(default)s)"
     )
+    parser.add_argument(
+        "--density",
+        type=float,
+        default=VideoSettings.density,
+        metavar="TIMES",
+        help="this many times as many photos as by --max and the motion, 0.25 to 8; neighbouring ones then share more "
+        "(default: %(default)s)",
+    )
 
 
 def project_folder(options: argparse.Namespace) -> None:
@@ -36,7 +44,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
 
     if not options.video.is_file():
         raise PhotoError(f"There is no file {options.video}.")
-    settings = replace(VideoSettings(), max_frames=options.max)
+    settings = replace(VideoSettings(), max_frames=options.max, density=options.density)
     emit(StageStarted(NAME))
     files = extract_frames(
         options.video, options.out, settings, emit=emit, should_stop=should_stop, prefix=options.video.stem

@@ -19,6 +19,7 @@ EXAMPLE = "python -m engine report scene"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
+    parser.add_argument("--title", help="title of the report (default: the name of the photo folder)")
     add_device_option(parser, "render the pictures")
 
 
@@ -37,7 +38,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         project.require_intact("cameras", "training")
 
         def build(device: Device) -> Path:
-            return build_report(project, backend=device.backend)
+            return build_report(project, backend=device.backend, title=options.title)
 
         page, device = run_on(choose_objects_device(options.device), build)
         if project.stage_record("report") is not None:

@@ -239,7 +239,7 @@ def _stored(records: list[Any], before: Collection[str], segmenter: Segmenter) -
     if not existing:
         return message, outputs
     names = ", ".join(dict.fromkeys(record.name for record in records if record.id in before))
-    found = f"Found again: {names}, with exactly the same Gaussians, so nothing was stored twice."
+    found = f"Found again: {names}, so nothing was stored twice."
     return (f"{message} {found}" if new else found), {**outputs, "existing": existing}
 
 

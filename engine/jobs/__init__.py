@@ -3,6 +3,7 @@
 from .click_preview import ClickAnswer, ClickPreview, click_question, pack_mask, read_question
 from .job import Job, JobState, format_seconds
 from .prompt_arguments import Click, click_arguments, name_arguments, refine_arguments, text_arguments
+from .time_left import seconds_left_in_all
 from .waiting import WaitingJob
 
 __all__ = [
@@ -19,5 +20,6 @@ __all__ = [
     "pack_mask",
     "read_question",
     "refine_arguments",
+    "seconds_left_in_all",
     "text_arguments",
 ]

@@ -81,7 +81,7 @@ class Segmenter:
     ) -> list[ObjectRecord]:
         """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
 
-        An object that has exactly the Gaussians of one that exists is not stored: the record of that one is returned in
+        An object that exists, see `_same_as`, is not stored: the record of that one is returned in
         its place, which a warning says. For `again` see `segment_each_text`; the progress is told to `context`. Raises
         `PromptError` when no object was found. The nearest candidates of a text are then stored
         (`engine.objects.candidate_file`).
@@ -267,13 +267,13 @@ class Segmenter:
         One without an id that has exactly the Gaussians of a stored object is that object.
         """
         names = {record.id: record.name for record in list_objects(self.project.path)}
-        existing = [None if item.id else self._same_as(item.members) for item in found]
+        existing = [None if item.id else self._same_as(item.members, asked) for item in found]
         # All objects are polished before the first is stored, so that a cancelled prompt stores none.
         each = iter(self._polished(context, [new.members for new, old in zip(found, existing, strict=True) if not old]))
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:
-                self.emit(Warned(found_again(item.name or name, same)))
+                self.emit(Warned(found_again(item.name or name, same, int(item.members.sum()))))
                 records.append(same)
                 continue
             polished = next(each)
@@ -293,15 +293,17 @@ class Segmenter:
             records.append(record)
         return records
 
-    def _same_as(self, members: Mask) -> ObjectRecord | None:
-        """Return the stored object that consists of exactly these Gaussians, bool [N], without the background."""
+    def _same_as(self, members: Mask, asked: dict[str, Any]) -> ObjectRecord | None:
+        """Return the object of exactly these Gaussians, bool [N], or nearly these if asked for so and changed since."""
+        count = int(members.sum())
         for record in list_objects(self.project.path):
-            counts = (record.n_scene_gaussians, record.n_gaussians)
-            if record.prompt.get("kind") == BACKGROUND or counts != (len(members), int(members.sum())):
+            counts = (record.n_scene_gaussians, count if record.was_changed(asked) else record.n_gaussians)
+            if record.prompt.get("kind") == BACKGROUND or counts != (len(members), count):
                 continue
             # A damaged object equals none; what reads it says so.
             with contextlib.suppress(FormatError):
-                if np.array_equal(load_membership(self.project.path, record.id) >= record.threshold, members):
+                stored = load_membership(self.project.path, record.id) >= record.threshold
+                if np.array_equal(stored, members) or (record.was_changed(asked) and is_same(stored, members)):
                     return record
         return None
 

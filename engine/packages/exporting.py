@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from ..errors import SettingsError
 from ..events import StopCheck
 from ..formats import Up, write_glb, write_ply, write_sog, write_spz, write_usd
 from ..gaussians import load_gaussians
-from ..objects import load_membership, load_object, object_gaussians
+from ..objects import list_objects, load_membership, load_object, object_gaussians
 from ..pictures import Backend, Scene, encode_picture
 from ..project_folder import ProjectFolder
 from ..records import describe_object, describe_scene, gltf_extras, ply_comments, xmp_packet
@@ -36,7 +37,7 @@ from ..scene import (
     read_camera_set,
 )
 from ..training import Coverage, Parameters
-from .page import Framing, framing_of_object, framing_of_scene, write_page
+from .page import Framing, Part, framing_of_object, framing_of_scene, write_page
 from .turntable import Turn, turn_of_object, turn_of_scene
 
 __all__ = ["FORMATS", "SUFFIXES", "Export", "divided", "load_export", "turn_of", "write_export"]
@@ -79,6 +80,8 @@ class Export:
         Of the project.
     notes : dict
         What was left out of the Gaussians, for the file.
+    parts : callable
+        Reads the objects of a scene, with the members among all its Gaussians; only a page needs them.
     """
 
     gaussians: Gaussians
@@ -88,6 +91,7 @@ class Export:
     whole: Gaussians
     measurement: Measurement
     notes: dict[str, Any] = field(default_factory=dict)
+    parts: Callable[[], tuple[Part, ...]] = tuple
 
 
 def load_export(project: ProjectFolder, name: str | None, *, title: str | None = None) -> Export:
@@ -105,12 +109,22 @@ def load_export(project: ProjectFolder, name: str | None, *, title: str | None =
     camera_set = read_camera_set(project.path / "cameras")
     measurement = load_measurement(project.path)
     if name is None:
-        return Export(whole, describe_scene(project, title=title), camera_set, None, whole, measurement)
+        described = describe_scene(project, title=title)
+        return Export(
+            whole, described, camera_set, None, whole, measurement, parts=partial(_objects, project, len(whole))
+        )
     record = load_object(project.path, name)
     gaussians = object_gaussians(project.path, record, whole)
     members = load_membership(project.path, record.id) >= record.threshold
     described = describe_object(project, record.id, title=title) | _size(gaussians, measurement)
     return Export(gaussians, described, camera_set, members, whole, measurement)
+
+
+def _objects(project: ProjectFolder, count: int) -> tuple[Part, ...]:
+    """Return the objects of a scene of `count` Gaussians; those of an earlier training are none of its parts."""
+    records = sorted(list_objects(project.path), key=lambda one: (one.name.casefold(), one.id))
+    current = [one for one in records if one.n_scene_gaussians == count]
+    return tuple(Part(one.id, one.name, load_membership(project.path, one.id) >= one.threshold) for one in current)
 
 
 def divided(export: Export) -> tuple[Export, Export | None]:
@@ -171,7 +185,7 @@ def write_export(
             raise SettingsError("A page shows what is upright. Leave out --frame.")
         if not with_record:
             raise SettingsError("A page shows the record. Leave out --record none.")
-        write_page(path, gaussians, described, _framing(export, backend))
+        write_page(path, gaussians, described, _framing(export, backend), _parts(export))
         return placed
     is_moved = placed.name not in ("original", "world")
     matrix, notes = placed.from_world, dict(export.notes)
@@ -247,6 +261,12 @@ def _photos_that_saw(export: Export, backend: Backend) -> NDArray[np.int32]:
     values = Parameters.from_gaussians(whole, sh_degree=whole.sh_degree, features=False).values
     cameras = [training_pinhole(camera, max_side=_COVERAGE_SIDE) for camera in export.camera_set.cameras]
     return Coverage(values, cameras, backend=backend).of_places(export.gaussians.means)
+
+
+def _parts(export: Export) -> list[Part]:
+    """Return the objects of an exported scene; what is left out of it lies before what is kept."""
+    first = len(export.whole) - len(export.gaussians)
+    return [Part(one.id, one.name, one.members[first:]) for one in export.parts()]
 
 
 def _framing(export: Export, backend: Backend) -> Framing:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import EnvironmentProblem, FormatError
 from ..files import TEMPORARY_PREFIX, atomic_write, delete_derived, read_bytes, read_text
@@ -19,7 +20,7 @@ from ..formats import write_ply
 from ..report import Html, fill, joined
 from ..scene import Gaussians, PinholeCamera, looked_at
 
-__all__ = ["Framing", "framing_of_object", "framing_of_scene", "is_viewer_built", "write_page"]
+__all__ = ["Framing", "Part", "framing_of_object", "framing_of_scene", "is_viewer_built", "write_page"]
 
 _VIEWER = Path(__file__).resolve().parent / "viewer_files"
 _ADVICE = "Run `make page` in the source code, or use a release that contains the page."
@@ -52,6 +53,22 @@ class Framing:
     up: list[float]
 
 
+@dataclass(frozen=True)
+class Part:
+    """An object of a scene, which the page can light and hide.
+
+    Attributes
+    ----------
+    id, name : str
+    members : bool array of shape [N]
+        Which of the scene's Gaussians belong to it.
+    """
+
+    id: str
+    name: str
+    members: NDArray[np.bool_]
+
+
 def is_viewer_built() -> bool:
     """Return whether this installation contains the viewer that pages need; a fresh checkout does not."""
     return (_VIEWER / "show.js").is_file()
@@ -75,7 +92,9 @@ def _spread(views: Sequence[PinholeCamera]) -> tuple[PinholeCamera, ...]:
     return tuple(views[i] for i in np.linspace(0, len(views), count, endpoint=False).astype(int))
 
 
-def write_page(path: Path, gaussians: Gaussians, described: dict[str, Any], framing: Framing) -> None:
+def write_page(
+    path: Path, gaussians: Gaussians, described: dict[str, Any], framing: Framing, parts: Sequence[Part] = ()
+) -> None:
     """Write the page atomically.
 
     Parameters
@@ -86,6 +105,8 @@ def write_page(path: Path, gaussians: Gaussians, described: dict[str, Any], fram
     described : dict
         The record, as `describe_scene` or `describe_object` return it.
     framing : Framing
+    parts : sequence of Part
+        The objects of a scene.
 
     Raises
     ------
@@ -119,7 +140,7 @@ def write_page(path: Path, gaussians: Gaussians, described: dict[str, Any], fram
         captures=_captures(described),
         steps=_steps(described),
         licences=_lines(read_text(_VIEWER / "licences.txt", advice=_ADVICE)),
-        data=_json(_data(described, framing)),
+        data=_json({**_data(described, framing), "count": len(gaussians), "objects": [_part(one) for one in parts]}),
         viewer=_base64(viewer),
         splats=_base64(splats),
         script=Html(script),
@@ -162,6 +183,12 @@ def _data(described: dict[str, Any], framing: Framing) -> dict[str, Any]:
         "up": framing.up,
         "views": [_view(camera) for camera in framing.views],
     }
+
+
+def _part(part: Part) -> dict[str, str]:
+    """Return an object with a bit for each Gaussian, the lowest of each byte first, with gzip in Base64."""
+    bits = np.packbits(part.members, bitorder="little").tobytes()
+    return {"id": part.id, "name": part.name, "members": str(_base64(gzip.compress(bits, _LEVEL, mtime=0)))}
 
 
 def _view(camera: PinholeCamera) -> dict[str, Any]:

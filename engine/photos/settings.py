@@ -67,15 +67,19 @@ class VideoSettings:
         share nine tenths of what they show.
     looks_per_second : float
         Frames per second of which motion and sharpness are measured.
+    density : float
+        How many times as many photos are taken as by the other settings. Neighbours then share more.
     """
 
     min_frames: int = 8
     max_frames: int = 150
     motion_between: float = 0.1
     looks_per_second: float = 10.0
+    density: float = 1.0
 
     def __post_init__(self) -> None:
         require(self, "min_frames", self.min_frames >= 3, "at least 3")
         require(self, "max_frames", self.max_frames >= self.min_frames, "at least min_frames")
         require(self, "motion_between", self.motion_between > 0.0, "above 0")
         require(self, "looks_per_second", self.looks_per_second > 0.0, "above 0")
+        require(self, "density", 0.25 <= self.density <= 8.0, "from 0.25 to 8")

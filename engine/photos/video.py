@@ -159,8 +159,8 @@ def _look_at(video: Path, settings: VideoSettings, emit: Emit, should_stop: Stop
 def _chosen(looks: list[_Look], settings: VideoSettings) -> list[int]:
     """Return the numbers of the frames to write, rising."""
     way = np.cumsum([look.motion for look in looks])
-    wanted = int(np.clip(way[-1] / settings.motion_between, settings.min_frames, settings.max_frames))
-    n_stretches = min(wanted, len(looks))
+    usual = np.clip(way[-1] / settings.motion_between, settings.min_frames, settings.max_frames)
+    n_stretches = min(max(int(usual * settings.density), settings.min_frames), len(looks))
     if way[-1] > 0:
         stretch = np.minimum((way / way[-1] * n_stretches).astype(int), n_stretches - 1)
     else:  # nothing moves: as evenly as possible in time

@@ -33,6 +33,7 @@ from .paradata import describe_object, describe_scene, scene_title
 from .state_digest import UNREADABLE, object_states, state_of
 from .stored_objects import list_objects, load_object, object_ids, taken_ids
 from .trash import bring_back, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
+from .unit import describe_unit
 
 __all__ = [
     "COMPUTED_FILES",
@@ -53,6 +54,7 @@ __all__ = [
     "describe_object",
     "describe_scene",
     "discard_object",
+    "describe_unit",
     "dublin_core",
     "dublin_core_xml",
     "empty_trash",

@@ -13,6 +13,7 @@ from ..errors import FormatError
 from ..files import FILE_RECORD, FileRecord, Migration, Schema, object_file, optional, read_versioned, write_json
 from ..provenance import RUN
 from ..settings import to_dict
+from ..words import normalised
 
 __all__ = [
     "COMPUTED_FILES",
@@ -129,6 +130,11 @@ class ObjectRecord:
     refined: tuple[dict[str, Any], ...] = ()
     run: dict[str, Any] | None = None
 
+    def was_changed(self, asked: dict[str, Any]) -> bool:
+        """Return whether the object was asked for by the text of a prompt, and corrected or resized after."""
+        text, own = (normalised(str(prompt.get("text", ""))) for prompt in (asked, self.prompt))
+        return bool(text) and text == own and bool(self.refined or self.levels)
+
 
 def new_id(name: str, taken: Sequence[str]) -> str:
     """Return a folder name made from `name` that is valid in every file system and not in `taken`.
@@ -151,8 +157,10 @@ def new_name(name: str, taken: Sequence[str]) -> str:
     return _numbered(name, set(taken))
 
 
-def found_again(name: str, same: ObjectRecord) -> str:
-    """Return a sentence that what was to be stored as `name` is the object `same`, which exists."""
+def found_again(name: str, same: ObjectRecord, count: int) -> str:
+    """Return a sentence that `count` Gaussians that were to be stored as `name` are the object `same`, which exists."""
+    if count != same.n_gaussians:
+        return f"{name!r} is {same.name!r}, which was changed since it was isolated, so no second object was stored."
     which = "exists already with" if name == same.name else "has"
     owner = "these Gaussians" if name == same.name else f"the Gaussians of {same.name!r}, which exists already"
     return f"{name!r} {which} exactly {owner}, so no second object was stored."

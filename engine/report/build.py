@@ -42,7 +42,7 @@ _MAX_PAIRS = 3
 """Test photos that are shown beside their renders."""
 
 
-def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
+def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str | None = None) -> Path:
     """Write the report of a project and return the path of the page.
 
     Parameters
@@ -51,6 +51,8 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
         Held for writing. Stages that are not done are missing in the report too.
     backend : {"cpu", "gpu", "reference"}
         Rasterizer of the pictures.
+    title : str, optional
+        Of the scene; by default its photos' folder names it.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
     HeritageError
         When a part of the project is damaged.
     """
-    facts = collect_facts(project)
+    facts = collect_facts(project, title=title)
     pictures = Pictures()
     if project.stage_record("training") is not None:
         from ..gaussians import load_gaussians

@@ -62,13 +62,15 @@ _VALUES: dict[str, Schema] = {
 """The same for values of ``project.json`` that no stage records and `engine.project_versions` does not check."""
 
 
-def collect_facts(project: ProjectFolder) -> dict[str, Any]:
+def collect_facts(project: ProjectFolder, *, title: str | None = None) -> dict[str, Any]:
     """Return the facts of the report as JSON values.
 
     Parameters
     ----------
     project : ProjectFolder
         In any state; a stage that is not done gives an empty part.
+    title : str, optional
+        Of the scene; by default its photos' folder names it.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
         training["step_ms"] = _step_ms(training)
     return {
         "version": REPORT_VERSION,
-        "title": scene_title(project),
+        "title": title or scene_title(project),
         "stages": [
             {"stage": stage, "wall_seconds": record["wall_seconds"], "cpu_seconds": record["cpu_seconds"]}
             for stage, record in records.items()
@@ -112,7 +114,7 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
             *_steps_left_out(training),
         ],
         "measured_savings": (project.get("measured_savings") or {}).get(str(training.get("preset"))),
-        "record": describe_scene(project),
+        "record": describe_scene(project, title=title),
     }
 
 

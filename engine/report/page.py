@@ -134,7 +134,8 @@ def _objects(facts: dict[str, Any], pictures: Pictures) -> Html:
             f"{_describe_prompt(record['prompt'])}; {_count(record['n_gaussians'])} Gaussians; "
             f"confidence {record['score']:.2f}; "
             f"agreement with its mask {record['fit']:.2f}; "
-            f"seen in {photos} photo{'s' if photos != 1 else ''}; {record['seconds']:.0f} s"
+            f"recognised in {photos} photo{'s' if photos != 1 else ''}, whose mask chose its Gaussians; "
+            f"{record['seconds']:.0f} s"
         )
         cards.append(
             fill(

@@ -14,7 +14,6 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.middleware.trustedhost import TrustedHostMiddleware
 from fastapi.responses import JSONResponse
-from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from .. import __version__
@@ -28,6 +27,7 @@ from .guards import RequestLimits, SecurityHeaders
 from .heavy_work import HeavyWork
 from .job_queue import JobQueue
 from .library import NotFound
+from .page_files import PageFiles
 from .settings import ServeSettings
 from .streams import Streams
 from .tidying import tidy_up
@@ -72,7 +72,7 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
         feeds,
         Uploads(settings),
         Connections(settings),
-        HeavyWork(settings.max_user_exports),
+        HeavyWork(settings),
         Streams(settings, feeds),
     )
 
@@ -97,7 +97,7 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
     )
     app.state.server = server
     app.include_router(api_router())
-    app.mount("/", StaticFiles(directory=page, html=True))
+    app.mount("/", PageFiles(directory=page, html=True))
     app.add_exception_handler(HeritageError, _heritage_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
     app.add_exception_handler(HTTPException, _http_error)

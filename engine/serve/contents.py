@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from ..errors import HeritageError
@@ -13,8 +12,9 @@ from ..project_folder import ProjectFolder
 from ..records import load_record
 from ..refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
-from .library import WebProject
+from .library import WebProject, size_of
 from .trash import TrashItem
+from .videos import describe_videos
 
 __all__ = ["describe_object", "describe_project", "describe_removed", "has_scene", "summarise_project"]
 
@@ -27,8 +27,14 @@ def summarise_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
         "title": project.title,
         "created": project.created,
         "n_photos": n_photos,
+        "cover": _cover(project),
         "state": "damaged" if project.is_damaged else _state(queue, project, n_photos),
     }
+
+
+def _cover(project: WebProject) -> str:
+    """Return the name of the photo that stands for the project; empty without photos."""
+    return next(iter(project.photo_names()), "")
 
 
 def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
@@ -37,7 +43,7 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
     return {
         **summarise_project(queue, project),
         "photos": _photos(project),
-        "videos": _videos(project),
+        "videos": describe_videos(project),
         "removed": [describe_removed(item) for item in project.trash.items()],
         "job": _as_dict(queue.last(project.folder)),
         "waiting": [_as_dict(view) for view in queue.waiting(project.folder)],
@@ -45,9 +51,12 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
         "objects": [describe_object(project, one) for one in _objects(project)],
         "not_found": None if not_found is None else {
             "messages": [refusal.message for refusal in not_found.refusals],
+            "suggestions": list(dict.fromkeys(one for refusal in not_found.refusals for one in refusal.suggestions)),
+            "objects": list(dict.fromkeys(one for refusal in not_found.refusals for one in refusal.object_ids)),
             "candidates": [
                 {
                     "number": one.number, "text": one.text, "score": one.score, "photo": one.photo,
+                    "object": one.object_id,
                     "picture": f"/api/v1/projects/{project.id}/candidates/{one.number}.png",
                 }
                 for one in not_found.candidates
@@ -60,7 +69,8 @@ def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
     """Return an object with the record that a curator has entered."""
     record = asdict(load_record(project.project, item.id))
     shown = {name: getattr(item, name) for name in ("id", "name", "prompt", "score", "kind", "n_gaussians")}
-    return {**shown, **record}
+    picture = f"/api/v1/projects/{project.id}/objects/{item.id}/thumbnail.jpg"
+    return {**shown, **record, "picture": picture if item.kind != "background" else ""}
 
 
 def describe_removed(item: TrashItem) -> dict[str, Any]:
@@ -106,7 +116,7 @@ def _photos(project: WebProject) -> list[dict[str, Any]]:
             rejected.update(dict.fromkeys(map(str, refuted), "The other photos refute its camera position."))
         used = set(project.photo_names()) - set(rejected)
     names = project.photo_names()
-    sizes = {name: _size(project.photos / name) for name in names}
+    sizes = {name: size_of(project.photos / name) for name in names}
     return [
         {
             "name": name,
@@ -116,19 +126,6 @@ def _photos(project: WebProject) -> list[dict[str, Any]]:
         }
         for name in names
     ]
-
-
-def _videos(project: WebProject) -> list[dict[str, Any]]:
-    """Return the videos that photos are taken from; also those that could not be read, so that they can be removed."""
-    return [{"name": name, "bytes": _size(project.videos / name)} for name in project.video_names()]
-
-
-def _size(file: Path) -> int:
-    """Return the size of a file; 0 where it was removed meanwhile."""
-    try:
-        return file.stat().st_size
-    except FileNotFoundError:
-        return 0
 
 
 def _scene(project: WebProject) -> dict[str, Any] | None:

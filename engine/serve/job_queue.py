@@ -18,10 +18,10 @@ from pathlib import Path
 
 from ..errors import HeritageError, ProjectError
 from ..files import delete_derived
-from ..jobs import Job, WaitingJob
+from ..jobs import Job, JobState, WaitingJob, seconds_left_in_all
 from .feeds import Feeds
 from .interrupted import interrupted_jobs
-from .library import WebProject
+from .library import PROJECT, WebProject
 
 __all__ = ["JobQueue", "JobView"]
 
@@ -50,11 +50,13 @@ class JobView:
     stage: str = ""
     fraction: float = 0.0
     seconds_left: float | None = None
+    seconds_left_in_all: float | None = None
     message: str = ""
     warnings: tuple[str, ...] = ()
     error: str = ""
     curve: tuple[tuple[float, float], ...] = ()
     preview: bool = False
+    objects: tuple[str, ...] = ()
 
 
 class JobQueue:
@@ -323,12 +325,27 @@ def _view_of_job(job: Job) -> JobView:
         stage=state.stage,
         fraction=state.fraction,
         seconds_left=state.seconds_left,
+        seconds_left_in_all=_left_in_all(job, state),
         message=state.message,
         warnings=tuple(state.warnings[-5:]),
         error=state.error,
         curve=tuple(state.curve),
         preview=bool(state.preview),
+        objects=_objects_of(state),
     )
+
+
+def _objects_of(state: JobState) -> tuple[str, ...]:
+    """Return the ids of the objects that a job made, changed or found again."""
+    found = state.outputs.get("objects", ())
+    return tuple(map(str, found)) if isinstance(found, list) else ()
+
+
+def _left_in_all(job: Job, state: JobState) -> float | None:
+    """Return the time left for all stages; a job of one stage states its own."""
+    if job.kind != "reconstruct":
+        return state.seconds_left
+    return seconds_left_in_all(Path(job.subject) / PROJECT, state)
 
 
 def _label(kind: str, words: Sequence[str]) -> str:

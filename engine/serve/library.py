@@ -17,8 +17,9 @@ from .settings import PHOTO_TYPES, ServeSettings
 from .trash import Trash, TrashItem
 from .writers import only_writer
 
-__all__ = ["Library", "NotFound", "WebProject", "free_name"]
+__all__ = ["PROJECT", "Library", "NotFound", "WebProject", "free_name", "size_of"]
 
+PROJECT = "project"
 _INFO, _HASHES = "info.json", "hashes.json"
 _SCHEMA = {"title": str, "created": str}
 _ID = re.compile(r"[0-9a-f]{12}")
@@ -63,7 +64,7 @@ class WebProject:
     @property
     def project(self) -> Path:
         """The engine's project folder."""
-        return self.folder / "project"
+        return self.folder / PROJECT
 
     @property
     def cache(self) -> Path:
@@ -116,6 +117,18 @@ class WebProject:
         if name not in self.photo_names():
             raise NotFound(f"There is no photo {name!r}.")
         return path_within(self.photos, name)
+
+    def video(self, name: str) -> Path:
+        """Return the file of a video.
+
+        Raises
+        ------
+        NotFound
+            When there is none of this name.
+        """
+        if name not in self.video_names():
+            raise NotFound(f"There is no video {name!r}.")
+        return path_within(self.videos, name)
 
     def known_hashes(self) -> dict[str, str]:
         """Return the SHA-256 of each photo that is there and was uploaded."""
@@ -208,6 +221,14 @@ def free_name(name: str, present: list[str]) -> str:
     while name.casefold() in taken:
         name, number = f"{stem} {number}{suffix}", number + 1
     return name
+
+
+def size_of(file: Path) -> int:
+    """Return the size of a file; 0 where it was removed meanwhile."""
+    try:
+        return file.stat().st_size
+    except FileNotFoundError:
+        return 0
 
 
 class Library:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import FormatError
 from ..files import atomic_write
 
 __all__ = ["SMALL_SIDE", "kept_small_photo", "small_photo", "write_small_photo"]
+__all__ = ["SMALL_SIDE", "kept_small_photo", "small_photo", "write_jpeg", "write_small_photo"]
 
 SMALL_SIDE = 320
 """Pixels of the longest side in lists."""
@@ -55,14 +59,30 @@ def write_small_photo(photo: Path, out: Path, *, side: int = SMALL_SIDE) -> None
     PhotoError
         When the photo cannot be read.
     """
-    import cv2
-
     from ..photos import load_pixels
 
-    pixels = load_pixels(photo, max_side=side)
+    write_jpeg(load_pixels(photo, max_side=side), out)
+
+
+def write_jpeg(pixels: NDArray[np.uint8], out: Path) -> None:
+    """Write a picture atomically.
+
+    Parameters
+    ----------
+    pixels : uint8 array of shape [height, width, 3]
+        Red, green, blue.
+    out : Path
+
+    Raises
+    ------
+    FormatError
+        When it is too large for JPEG.
+    """
+    import cv2
+
     ok, encoded = cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not ok:
-        raise FormatError(f"{photo} could not be written as JPEG.")
+        raise FormatError(f"{out} could not be written as JPEG.")
     out.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(out) as stream:
         stream.write(encoded.tobytes())

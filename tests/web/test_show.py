@@ -116,6 +116,38 @@ def test_scene_looks_as_the_engine_renders_it(
 
 
 @pytest.mark.web
+def test_object_of_an_exported_scene_is_lit_hidden_and_the_rest_dimmed(
+    open_file: Callable[..., Page], pages: dict[str, Path], tmp_path: Path
+) -> None:
+    page = open_file(pages["scene"])
+    plain = saved_picture(page, tmp_path / "plain.png")
+    page.get_by_role("button", name="Hide ball").click()
+    expect(page.get_by_role("button", name="Show ball")).to_be_visible()
+    hidden = saved_picture(page, tmp_path / "hidden.png")
+    # The blue ball is in the picture of the first view, as it is between the others.
+    blue = plain[..., 2] - plain[..., 0]
+    assert (blue > 0.3).mean() > 0.002 and ((hidden[..., 2] - hidden[..., 0]) > 0.3).mean() < 0.0005
+    light = page.locator("button.point")
+    light.click()
+    expect(light).to_have_attribute("aria-pressed", "true")
+    lit = saved_picture(page, tmp_path / "lit.png")
+    page.get_by_label("Dim what is not lit").check()
+    page.wait_for_timeout(500)
+    assert saved_picture(page, tmp_path / "dimmed.png").mean() < 0.9 * lit.mean()
+    keep_picture(page, "show_scene")
+    page.get_by_role("button", name="First view").click()
+    light.click()
+    page.get_by_label("Dim what is not lit").uncheck()
+    page.wait_for_timeout(500)
+    assert np.abs(saved_picture(page, tmp_path / "again.png") - plain).max() < 0.1
+
+
+@pytest.mark.web
+def test_page_of_an_object_has_no_list_of_objects(open_file: Callable[..., Page], pages: dict[str, Path]) -> None:
+    expect(open_file(pages["object"]).locator("section.parts")).to_be_hidden()
+
+
+@pytest.mark.web
 def test_view_is_turned_and_measured_by_keyboard_alone(open_file: Callable[..., Page], pages: dict[str, Path]) -> None:
     page = open_file(pages["object"])
     canvas = page.locator("canvas")

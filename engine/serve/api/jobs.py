@@ -16,6 +16,7 @@ from ..contents import has_scene
 from ..library import WebProject
 from ..settings import ServeSettings
 from ..texts import Line
+from ..videos import frames_arguments
 
 __all__ = ["router"]
 
@@ -40,6 +41,14 @@ class Reconstruction(BaseModel):
     mask_background: bool = False
 
 
+class Frames(BaseModel):
+    """A video to photos, in the place of those that were taken from it before."""
+
+    kind: Literal["frames"]
+    video: str = Field(max_length=300)
+    density: float = Field(default=1.0, ge=0.25, le=8.0)
+
+
 class Segmentation(BaseModel):
     """A scene to objects, by exactly one of prompt, clicks, find_all, background and accept."""
 
@@ -55,7 +64,7 @@ class Segmentation(BaseModel):
 
 @router.post("", status_code=202)
 def start_job(
-    wanted: Annotated[Reconstruction | Segmentation, Field(discriminator="kind")],
+    wanted: Annotated[Reconstruction | Frames | Segmentation, Field(discriminator="kind")],
     project: CurrentProject,
     request: Request,
     user: CurrentUser,
@@ -67,6 +76,8 @@ def start_job(
         raise ProjectError(f"{server.settings.max_waiting} of your jobs are waiting, which is the limit.")
     if isinstance(wanted, Reconstruction):
         arguments = _reconstruction(project, wanted, server.settings)
+    elif isinstance(wanted, Frames):
+        arguments = frames_arguments(project, project.video(wanted.video), wanted.density)
     else:
         arguments = _segmentation(project, wanted, server.settings)
     return dict(vars(server.queue.submit(project, arguments)))

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+import numpy as np
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from ...project_content import ProjectObject, list_objects
+from ...files import object_file
+from ...project_content import ProjectObject, list_objects, load_membership
 from ...project_folder import ProjectFolder
-from ...records import delete_object, load_record, rename_object, save_record
+from ...records import RECORD_FILE, delete_object, load_record, read_record, rename_object, save_record
 from ..access import CurrentProject, server_of
+from ..conditional import file_answer
 from ..contents import describe_object
-from ..downloads import MEDIA_TYPES, download_name
+from ..downloads import MEDIA_TYPES, DownloadFormat, download_name
 from ..library import NotFound, WebProject
 from ..texts import Line, Lines
+from ..thumbnails import object_thumbnail
 
 __all__ = ["router"]
 
@@ -36,11 +40,35 @@ class ObjectChange(BaseModel):
 
 
 @router.get("/{object_id}.ply")
-async def read_object_for_viewer(object_id: str, project: CurrentProject, request: Request) -> FileResponse:
+async def read_object_for_viewer(object_id: str, project: CurrentProject, request: Request) -> Response:
     """Return an object for the viewer, in the frame of the cameras."""
     await run_in_threadpool(_object, project, object_id)
     file = await server_of(request).work.exported(project, object_id, "ply", "world")
-    return FileResponse(file, media_type=MEDIA_TYPES["ply"])
+    return file_answer(request, file, MEDIA_TYPES["ply"])
+
+
+@router.get("/{object_id}/thumbnail.jpg")
+async def read_thumbnail(object_id: str, project: CurrentProject, request: Request) -> Response:
+    """Return a small picture of an object, of the photo that it was found in."""
+    await run_in_threadpool(_object, project, object_id)
+    file = await server_of(request).work.picture(lambda: object_thumbnail(project, object_id))
+    return file_answer(request, file, "image/jpeg")
+
+
+@router.get("/{object_id}/members")
+def read_members(object_id: str, project: CurrentProject) -> Response:
+    """Return which Gaussians of the scene belong to an object.
+
+    A bit for each Gaussian in the order of the scene's PLY for the viewer, the lowest bit of each byte first; the
+    header ``X-Count`` has their number.
+    """
+    _object(project, object_id)
+    record = read_record(object_file(project.project, object_id, RECORD_FILE))
+    count = record.n_scene_gaussians
+    members = load_membership(project.project, object_id, count) >= record.threshold
+    bits = np.packbits(members, bitorder="little").tobytes()
+    headers = {"X-Count": str(count), "Cache-Control": "no-cache"}
+    return Response(bits, media_type="application/octet-stream", headers=headers)
 
 
 @router.get("/{object_id}/export")
@@ -48,7 +76,7 @@ async def download_object(
     object_id: str,
     project: CurrentProject,
     request: Request,
-    file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")],
+    file_format: Annotated[DownloadFormat, Query(alias="format")],
 ) -> FileResponse:
     """Return an object as a file to keep."""
     item = await run_in_threadpool(_object, project, object_id)

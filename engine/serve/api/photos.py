@@ -4,27 +4,26 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse
 
 from ..access import CurrentProject, server_of
+from ..conditional import file_answer
 from ..contents import describe_removed
 from ..small_photos import SMALL_SIDE
 
 __all__ = ["router"]
 
 router = APIRouter(prefix="/projects/{project_id}/photos", tags=["photos"])
-_CACHE = {"Cache-Control": "private, max-age=3600"}
 
 
 @router.get("/{name}")
 async def read_photo(
     name: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = SMALL_SIDE
-) -> FileResponse:
+) -> Response:
     """Return a small JPEG of a photo, upright."""
     file = await server_of(request).work.small_photo(await run_in_threadpool(project.photo, name), project.cache, side)
-    return FileResponse(file, media_type="image/jpeg", headers=_CACHE)
+    return file_answer(request, file, "image/jpeg")
 
 
 @router.delete("/{name}")

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
-from fastapi.responses import StreamingResponse
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
 from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import describe_project, summarise_project
-from ..downloads import report_response
+from ..reports import report_response
 from ..texts import Line
 
 __all__ = ["router"]
@@ -72,6 +73,15 @@ async def stream_events(
 
 
 @router.get("/{project_id}/report")
-def read_report(project: CurrentProject) -> Any:
-    """Return the report as a page of its own."""
+async def read_report(project: CurrentProject, request: Request) -> FileResponse:
+    """Return the report as a page of its own, as the objects are now; while a job runs, as they were before."""
+    server = server_of(request)
+    job = await run_in_threadpool(server.queue.last, project.folder)
+    await server.work.report(project, is_busy=job is not None and job.state == "running")
     return report_response(project)
+
+
+@router.get("/{project_id}/forecast")
+async def read_forecast(project: CurrentProject, request: Request) -> dict[str, list[float]]:
+    """Return low, expected and high seconds of a reconstruction of the photos, by preset."""
+    return await server_of(request).work.forecast(project)

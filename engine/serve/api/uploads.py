@@ -22,6 +22,7 @@ from ..access import CurrentUser, Server, current_user, server_of
 from ..guards import TUS_VERSION, UPLOADS
 from ..intake import is_video, is_video_name, photo_name, take_in_photo, take_in_video
 from ..unfinished import Upload
+from ..videos import frames_arguments
 
 __all__ = ["router"]
 
@@ -170,7 +171,7 @@ def _take_in(server: Server, user: str, upload: Upload) -> None:
         if is_video(upload.file, upload.filename):
             video = take_in_video(project, upload.file, upload.filename, sha256)
             server.uploads.mark_taken(upload)
-            server.queue.submit(project, ["frames", str(video), f"--out={project.photos}"])
+            server.queue.submit(project, frames_arguments(project, video))
         else:
             take_in_photo(project, upload.file, upload.filename, sha256, server.settings)
             server.uploads.mark_taken(upload)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
 from ...files import path_within
+from ...project_folder import ProjectFolder
+from ...records import describe_unit
 from ...refused_prompts import read_not_found
 from ...scene import Camera, focal_and_center, looked_at, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
-from ..downloads import MEDIA_TYPES, download_name
+from ..conditional import file_answer
+from ..downloads import MEDIA_TYPES, DownloadFormat, download_name
 from ..library import NotFound
 
 __all__ = ["router"]
@@ -37,7 +40,7 @@ def read_preview(project: CurrentProject, request: Request) -> FileResponse:
 
 @router.get("/cameras")
 def read_cameras(project: CurrentProject) -> dict[str, Any]:
-    """Return the cameras of the photos, the point that they look at, its distance, and up.
+    """Return the cameras of the photos, the point that they look at, its distance, up, and the unit of length.
 
     COLMAP's cameras: x right, y down, z forward; ``world_to_camera`` has 16 numbers, row by row.
     """
@@ -45,18 +48,22 @@ def read_cameras(project: CurrentProject) -> dict[str, Any]:
     if not cameras:
         raise NotFound("The scene has no cameras.")
     center, radius = looked_at(np.array([camera.viewmat for camera in cameras], np.float64))
-    return {"up": _UP, "center": center, "radius": radius, "views": [_view(camera) for camera in cameras]}
+    unit = describe_unit(ProjectFolder.open_existing(project.project))
+    return {
+        "up": _UP, "center": center, "radius": radius, "views": [_view(camera) for camera in cameras],
+        "unit": {"metresPerUnit": unit["metres_per_unit"], "text": unit["text"]},
+    }  # fmt: skip
 
 
 @router.get("/views/{photo}")
 async def read_view(
     photo: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = 1600
-) -> FileResponse:
+) -> Response:
     """Return the photo that clicks refer to, upright, with its lens distortion."""
     small = await server_of(request).work.small_photo(
         await run_in_threadpool(project.photo, photo), project.cache, side
     )
-    return FileResponse(small, media_type="image/jpeg")
+    return file_answer(request, small, "image/jpeg")
 
 
 @router.get("/views/{photo}/pixel")
@@ -88,17 +95,17 @@ def read_candidate(number: int, project: CurrentProject) -> FileResponse:
 
 
 @router.get("/scene.ply")
-async def read_scene(project: CurrentProject, request: Request) -> FileResponse:
+async def read_scene(project: CurrentProject, request: Request) -> Response:
     """Return the scene for the viewer, in the frame of the cameras."""
     file = await server_of(request).work.exported(project, None, "ply", "world")
-    return FileResponse(file, media_type=MEDIA_TYPES["ply"])
+    return file_answer(request, file, MEDIA_TYPES["ply"])
 
 
 @router.get("/export")
 async def download_scene(
     project: CurrentProject,
     request: Request,
-    file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")],
+    file_format: Annotated[DownloadFormat, Query(alias="format")],
 ) -> FileResponse:
     """Return the whole scene as a file to keep."""
     file = await server_of(request).work.exported(project, None, file_format)

@@ -85,6 +85,27 @@ def test_text_that_means_a_stored_object_is_told_as_that_object(blobs: BlobScene
     assert ask("blue sphere") == (["blue-sphere"], [])
 
 
+def test_corrected_object_is_found_again_by_its_word_in_capitals(blobs: BlobScene, project: ProjectFolder) -> None:
+    class Any(FakeDetector):
+        def check_prompt(self, prompt):  # type: ignore[no-untyped-def]
+            return super().check_prompt(prompt.lower())
+
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return super().score_descriptions(described, prompt.lower())
+
+    events: list[Event] = []
+    asking = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Any(blobs), emit=events.append)
+    asking.segment_texts(["blue ball"], None)
+    asking.refine("blue ball", [point(blobs, RED, "view_1.png")], [])
+    corrected = load_object(project.path, "blue-ball")
+    records, _ = asking.segment_texts(["Blue ball"], None)
+    assert [one.id for one in records] == ["blue-ball"] == [one.id for one in list_objects(project.path)]
+    assert load_object(project.path, "blue-ball") == corrected
+    told = [event.message for event in events if isinstance(event, Warned)]
+    changed = "'Blue ball' is 'blue ball', which was changed since it was isolated, so no second object was stored."
+    assert told == [changed]
+
+
 def test_misspelt_name_of_a_stored_object_names_it(blobs: BlobScene, project: ProjectFolder) -> None:
     segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], "Portland amphora")
     with pytest.raises(PromptError, match=r"The scene has an object that is called 'Portland amphora'\."):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -59,6 +60,15 @@ def test_number_of_photos_is_limited(tmp_path: Path) -> None:
     video = write_video(tmp_path / "a.mp4", [8 * step for step in range(60)])
     settings = VideoSettings(min_frames=3, max_frames=5, motion_between=0.01, looks_per_second=30)
     assert 3 <= len(frames_of(video, tmp_path / "out", settings)) <= 5
+
+
+@pytest.mark.parametrize("offsets", [[4 * step for step in range(60)], [step // 3 for step in range(60)]])
+def test_more_photos_are_taken_by_the_density(tmp_path: Path, offsets: list[int]) -> None:
+    """Of a camera that moves much and of one that hardly moves."""
+    video = write_video(tmp_path / "a.mp4", offsets)
+    usual = len(frames_of(video, tmp_path / "out"))
+    # A stretch without any look gives no photo.
+    assert 1.6 * usual <= len(frames_of(video, tmp_path / "out", replace(SETTINGS, density=2))) <= 2 * usual + 1
 
 
 def test_second_call_reuses_what_is_there_and_other_settings_replace_it(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ export function address(...parts) {
   return [BASE, ...parts.map((part) => String(part).split("/").map(encodeURIComponent).join("/"))].join("/");
 }
 
-async function request(method, path, body) {
+export async function request(method, path, body) {
   const options = { method, headers: {}, credentials: "same-origin" };
   if (method !== "GET") Object.assign(options.headers, headers());
   if (body !== undefined) {

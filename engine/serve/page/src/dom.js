@@ -19,8 +19,22 @@ function fill(element, props, children) {
     else if (name === "value") element.value = value;
     else element.setAttribute(name, value === true ? "" : value);
   }
-  element.append(...children.flat(3).filter((child) => child !== null && child !== undefined && child !== false));
+  put(element, ...children);
   return element;
+}
+
+/**
+ * Append children to an element; lists of children may be nested. `Element.append` writes "[object ...]" for a list, so
+ * nothing else appends in this page.
+ */
+export function put(element, ...children) {
+  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+}
+
+/** Put children in the place of those that an element has. */
+export function refill(element, ...children) {
+  element.replaceChildren();
+  put(element, ...children);
 }
 
 /** Show or hide an element. */
@@ -58,8 +72,8 @@ export function notify(text) {
   const notices = document.getElementById("notices");
   if ([...notices.children].some((notice) => notice.firstChild.textContent === text)) return;
   const notice = h("div", { class: "notice", role: "alert" }, h("p", null, text));
-  notice.append(h("button", { type: "button", class: "plain", onclick: () => notice.remove() }, "Close"));
-  notices.append(notice);
+  put(notice, h("button", { type: "button", class: "plain", onclick: () => notice.remove() }, "Close"));
+  put(notices, notice);
 }
 
 /** Run an async action of a button: it cannot be pressed twice, and a problem is shown as a sentence. */
@@ -95,7 +109,7 @@ export function confirmed(question, explanation, action) {
         ),
       ),
     );
-    document.body.append(dialog);
+    put(document.body, dialog);
     dialog.showModal();
   });
 }
@@ -122,7 +136,32 @@ export function asked(question, label, action, value = "") {
         ),
       ),
     );
-    document.body.append(dialog);
+    put(document.body, dialog);
     dialog.showModal();
   });
+}
+
+/**
+ * Make the buttons of a list one stop of the Tab key; arrow keys, Home and End go from one to the next. A hundred photos
+ * would be a hundred stops. `selector` finds the buttons, which may come and go.
+ */
+export function roving(list, selector) {
+  const buttons = () => [...list.querySelectorAll(selector)];
+  const choose = (chosen) => buttons().forEach((button) => (button.tabIndex = button === chosen ? 0 : -1));
+  list.addEventListener("focusin", (event) => event.target.matches(selector) && choose(event.target));
+  list.addEventListener("keydown", (event) => {
+    const all = buttons();
+    const at = all.indexOf(event.target);
+    const places = { ArrowLeft: at - 1, ArrowUp: at - 1, ArrowRight: at + 1, ArrowDown: at + 1, Home: 0, End: all.length - 1 };
+    const next = all[places[event.key]];
+    if (at < 0 || !next) return;
+    event.preventDefault();
+    next.focus();
+  });
+  const update = () => {
+    const all = buttons();
+    choose(all.find((button) => button === document.activeElement) ?? all[0]);
+  };
+  new MutationObserver(update).observe(list, { childList: true });
+  update();
 }

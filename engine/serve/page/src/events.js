@@ -1,4 +1,5 @@
 // Server-sent events of a project, with reconnection.
+import { suspect } from "./connection.js";
 
 const FIRST_WAIT = 2000;
 const LONGEST_WAIT = 30000;
@@ -8,7 +9,7 @@ const ASK_EVERY = 5000;
  * A browser has few connections to a server, so only its newest tabs keep one for events; another asks from time to time,
  * until it is looked at again.
  *
- * Listen to a project. `handlers` has the functions job(data), photos(), objects(), scene(), and reconnected(), which is
+ * Listen to a project. `handlers` has the functions job(data), waiting(), photos(), objects(), scene(), and reconnected(), which is
  * called after a gap: events may be missing then, so the project must be read again. Return a function that ends it.
  */
 export function listen(url, handlers) {
@@ -29,6 +30,7 @@ export function listen(url, handlers) {
     };
     source.onerror = () => {
       hadGap = true;
+      suspect();
       // The browser reconnects by itself after a lost connection, but not after an error status.
       if (source.readyState !== EventSource.CLOSED) return;
       clearTimeout(timer);
@@ -36,7 +38,7 @@ export function listen(url, handlers) {
       wait = Math.min(2 * wait, LONGEST_WAIT);
     };
     source.addEventListener("displaced", giveWay);
-    for (const name of ["job", "photos", "objects", "scene"]) {
+    for (const name of ["job", "waiting", "photos", "objects", "scene"]) {
       source.addEventListener(name, (event) => handlers[name](parsed(event.data)));
     }
   }

@@ -8,6 +8,9 @@ export function duration(seconds) {
   return `about ${plural(Math.round(minutes / 60), "hour")}`;
 }
 
+/** The formats in which the scene and objects can be had. */
+export const DOWNLOADS = ["ply", "glb", "spz", "sog", "usd", "html"];
+
 /** The name of a format in a button: "PLY", or "page" for HTML. */
 export function formatName(format) {
   return format === "html" ? "page" : format.toUpperCase();
@@ -38,6 +41,27 @@ const STATES = {
 
 export function stateText(state) {
   return STATES[state] ?? state;
+}
+
+const STAGES = {
+  photos: "Checking the photos",
+  frames: "Choosing pictures of the video",
+  cameras: "Finding out where the photos were taken",
+  masks: "Looking for outlines in the photos",
+  training: "Building the 3D scene",
+  objects: "Isolating objects",
+  report: "Writing the report",
+};
+
+/** "cameras" -> "Finding out where the photos were taken". */
+export function stageText(stage) {
+  return STAGES[stage] ?? (stage ? stage[0].toUpperCase() + stage.slice(1) : "Starting");
+}
+
+/** [300, 720, 1500] seconds -> "about 12 minutes, at most about 25". */
+export function forecastText([, expected, high]) {
+  const most = duration(high);
+  return duration(expected) === most ? duration(expected) : `${duration(expected)}, seldom more than ${most.replace("about ", "")}`;
 }
 
 export function percent(fraction) {

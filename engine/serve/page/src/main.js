@@ -1,6 +1,7 @@
 // Start of the page: who is signed in, and which screen belongs to the address.
 import { getSession, onSignedOut, signIn, signOut } from "./api.js";
-import { h, notify } from "./dom.js";
+import { watchConnection } from "./connection.js";
+import { h, notify, refill } from "./dom.js";
 import { projectScreen } from "./views/project.js";
 import { projectsScreen } from "./views/projects.js";
 import { signInScreen } from "./views/sign_in.js";
@@ -14,7 +15,7 @@ async function route() {
   const turn = ++shown;
   leave();
   leave = () => {};
-  document.getElementById("notices").replaceChildren();
+  refill(document.getElementById("notices"));
   showTop();
   const root = h("div", { class: "screen" });
   try {
@@ -23,13 +24,14 @@ async function route() {
     leave = end;
   } catch (error) {
     if (turn !== shown) return;
-    root.replaceChildren(
+    refill(
+      root,
       h("h1", null, "This page cannot be shown"),
       h("p", null, error.message),
       h("p", null, h("a", { href: "#/", class: "button" }, "To the projects")),
     );
   }
-  main.replaceChildren(root);
+  refill(main, root);
   document.title = [root.querySelector("h1")?.textContent, "Gaussian Heritage"].filter(Boolean).join(" – ");
   // Screen readers go on from the new screen, not from the link that was pressed.
   if (turn > 1) main.focus();
@@ -51,7 +53,8 @@ async function screen(root) {
 
 function showTop() {
   const isNamed = session?.user && session.user !== "local";
-  document.getElementById("top").replaceChildren(
+  refill(
+    document.getElementById("top"),
     h("a", { href: "#/", class: "brand" }, "Gaussian Heritage"),
     isNamed ? h("span", { class: "row" }, h("span", { class: "quiet" }, session.user), signOutButton()) : "",
   );
@@ -76,6 +79,7 @@ document.getElementById("skip").addEventListener("click", (event) => {
   main.focus();
 });
 window.addEventListener("hashchange", route);
+watchConnection();
 try {
   session = await getSession();
   const code = /^#\/sign-in\/([\w-]+)$/.exec(location.hash);

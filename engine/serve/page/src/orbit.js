@@ -28,9 +28,10 @@ function lookAt(eye, target, up) {
 
 /**
  * Move the camera by the events of `canvas`. `moved(pose)` is called after each change. `pixels()` returns the focal
- * length in CSS pixels, so that a panned point stays under the finger.
+ * length in CSS pixels, so that a panned point stays under the finger. `wheelIgnored()` is called for a wheel that was left
+ * to the page.
  */
-export function createOrbit(canvas, moved, pixels) {
+export function createOrbit(canvas, moved, pixels, wheelIgnored) {
   let up = [0, 0, 1];
   let target = [0, 0, 0];
   let distance = 1;
@@ -101,7 +102,7 @@ export function createOrbit(canvas, moved, pixels) {
     changed();
   }
 
-  const forget = addInput(canvas, { turn, pan, zoom });
+  const forget = addInput(canvas, { turn, pan, zoom, wheelIgnored });
   return { setScene, from, frameSphere, zoom, pose, dispose: forget };
 }
 
@@ -110,7 +111,7 @@ function clamp(value, limit) {
 }
 
 /** Translate events to turn, pan and zoom. Return a function that removes the listeners. */
-function addInput(canvas, { turn, pan, zoom }) {
+function addInput(canvas, { turn, pan, zoom, wheelIgnored }) {
   const pointers = new Map();
   const ending = new AbortController();
   const on = (name, action) => canvas.addEventListener(name, action, { signal: ending.signal, passive: false });
@@ -143,6 +144,8 @@ function addInput(canvas, { turn, pan, zoom }) {
     zoom(gap(before) / gap(now));
   });
   on("wheel", (event) => {
+    // A page that is scrolled must not stop at the picture. Ctrl is also what browsers report for a touchpad's pinch.
+    if (!event.ctrlKey && !event.metaKey && !document.fullscreenElement) return wheelIgnored();
     event.preventDefault();
     // A wheel reports lines or pixels, a touchpad many small steps.
     const steps = clamp(event.deltaMode === 1 ? event.deltaY * 30 : event.deltaY, 200);

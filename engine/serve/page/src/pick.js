@@ -4,6 +4,7 @@ import { add, cross, dot, scale, sub, unit } from "./vectors.js";
 const HIT = 0.5; // The ray ends where half of its light is blocked, as the median depth of 3DGS methods.
 const NEAR_ENOUGH = 0.05; // Share of the distance by which a point may lie behind what a photo shows in front of it.
 const ALPHA_MIN = 1 / 255;
+const MOST_VIEWS = 16; // Views that are looked at for an object, the nearest ones.
 
 /**
  * Return the distance along a ray where half of its light is blocked, or null where it is not.
@@ -83,4 +84,53 @@ function isInPicture(view, pose, offset) {
   const u = (view.fx * dot(offset, pose.right)) / depth + view.cx;
   const v = (view.fy * dot(offset, pose.down)) / depth + view.cy;
   return u >= 0 && u < view.width && v >= 0 && v < view.height;
+}
+
+/** Return the view whose photo shows `point` largest: the nearest of those that have it in the picture; null without one. */
+export function nearestTo(point, views, poseOf) {
+  let best = null;
+  for (const view of views) {
+    const pose = poseOf(view.world_to_camera);
+    const offset = sub(point, pose.eye);
+    const size = view.fx / (Math.hypot(...offset) * view.width);
+    if (isInPicture(view, pose, offset) && (!best || size > best.size)) best = { view, size };
+  }
+  return best?.view ?? null;
+}
+
+/**
+ * Return the view that shows most of `points`, a sample of an object in the sphere {center, radius}, and of equal ones the
+ * nearest; null without one that shows any.
+ */
+export function viewOfObject(points, { center, radius }, views, poseOf, splats) {
+  const near = views
+    .map((view) => ({ view, pose: poseOf(view.world_to_camera) }))
+    .map((one) => ({ ...one, distance: Math.hypot(...sub(center, one.pose.eye)) }))
+    .filter(({ view, pose }) => points.some((point) => isInPicture(view, pose, sub(point, pose.eye))))
+    .sort((a, b) => a.distance - b.distance)
+    .slice(0, MOST_VIEWS);
+  const seen = ({ view, pose }) =>
+    points.filter((point) => {
+      const offset = sub(point, pose.eye);
+      if (!isInPicture(view, pose, offset)) return false;
+      const distance = Math.hypot(...offset);
+      const hit = hitDistance(splats, pose.eye, scale(offset, 1 / distance));
+      // A point inside of the object or on its back is hidden by the object alone.
+      return hit === null || hit > distance - 2 * radius;
+    }).length;
+  let best = null;
+  for (const one of near) {
+    const count = seen(one);
+    if (count > 0 && (!best || count > best.count)) best = { view: one.view, count };
+  }
+  return best?.view ?? null;
+}
+
+/** Return the view that is most like a camera: near by, as a share of `radius`, and looking the same way. */
+export function mostLike({ eye, forward }, radius, views, poseOf) {
+  const distance = (view) => {
+    const pose = poseOf(view.world_to_camera);
+    return Math.hypot(...sub(pose.eye, eye)) / radius + 1 - dot(pose.forward, forward);
+  };
+  return views.reduce((best, view) => (best && distance(best) <= distance(view) ? best : view), null);
 }

@@ -14,22 +14,26 @@ import {
   SHADERLANGUAGE_GLSL,
   ShaderChunks,
   TONEMAP_NONE,
+  WORKBUFFER_UPDATE_ONCE,
   createGraphicsDevice,
 } from "playcanvas";
+import { withLooks } from "./looks.js";
 import { createOrbit, poseOf } from "./orbit.js";
-import { hitDistance, rayThrough, viewsOf } from "./pick.js";
+import { hitDistance, mostLike, nearestTo, rayThrough, viewOfObject, viewsOf } from "./pick.js";
 import { add, dot, scale, sub } from "./vectors.js";
 
 const FOV = (50 * Math.PI) / 180; // Of the shorter side, when no photo gives the lens.
 const SLOW_FRAME = 50; // Milliseconds. Slower pictures are drawn with fewer pixels while the camera moves.
+const SAMPLES = 12; // Gaussians of an object for which it is asked whether a photo shows them.
 const REST = 250; // Milliseconds without movement until the sharp picture is drawn.
 
 /**
- * Return a viewer that draws into `canvas`: {load(url, progress), showOnly(url|null), lookThrough(view), setScene(...),
- * frame(center, radius, up), frameShown(), zoom(factor), pick(x, y), place(point), viewsThatShow(point, views), picture(),
- * dispose()}. `moved(isPhoto)` of the options is called when the camera moves.
+ * Return a viewer that draws into `canvas`: {load(url, progress), showOnly(url|null), setLooks(looks), lookThrough(view),
+ * setScene(...), frame(center, radius, up), frameAlone(views), zoom(factor), pick(x, y), place(point),
+ * viewsThatShow(point, views), lookAt(members, views), nearestView(views), picture(), dispose()}. `moved(isPhoto)` of the
+ * options is called when the camera moves, `wheelIgnored()` when a wheel turned that scrolls the page.
  */
-export async function createViewer(canvas, { moved = () => {} } = {}) {
+export async function createViewer(canvas, { moved = () => {}, wheelIgnored = () => {} } = {}) {
   const app = await createApp(canvas);
   const device = app.graphicsDevice;
   const camera = new Entity("camera");
@@ -43,6 +47,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
 
   let scene = null; // {asset, entity} of the whole scene
   let single = null; // the same of the object that is shown alone
+  let looks = null; // of the scene's Gaussians, in the order of the file: see looks.js
   let wanted = 0; // counts showOnly and load, so that only the last one takes effect
   let size = { center: [0, 0, 0], radius: 1 };
   let lens = null; // the photo's camera, whose lens is used, or null
@@ -62,6 +67,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
       moved(false);
     },
     () => intrinsics(canvas.clientWidth, canvas.clientHeight).f[0],
+    wheelIgnored,
   );
   const resizing = new ResizeObserver(() => resize());
   resizing.observe(canvas);
@@ -142,10 +148,27 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
   });
 
   async function addSplats(url, progress) {
-    const asset = await fetchSplats(app, url, progress);
+    const { asset, order } = await fetchSplats(app, url, progress);
     const entity = new Entity("splats");
     entity.addComponent("gsplat", { asset });
-    return { asset, entity };
+    return { asset, entity, order };
+  }
+
+  /** The scene's Gaussians as they are shown: some may be hidden, lit or dimmed. */
+  function shownData() {
+    return withLooks(scene.asset.resource.gsplatData, looks, scene.order);
+  }
+
+  /** Hide, light or dim Gaussians of the scene: one number of looks.js for each, in the order of the file, or null. */
+  async function setLooks(newLooks) {
+    if (scene && newLooks && newLooks.length !== scene.order.length) {
+      throw new Error("The objects do not belong to the scene that is shown. Load the page again.");
+    }
+    looks = newLooks;
+    if (!scene) return;
+    scene.asset.resource.updateColorData(shownData());
+    scene.entity.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    await drawn(2);
   }
 
   function remove(splats) {
@@ -165,6 +188,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     remove(single);
     single = null;
     scene = loaded;
+    looks = null;
     app.root.addChild(scene.entity);
     await drawn(1);
   }
@@ -207,11 +231,11 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     orbit.setScene(up, radius);
   }
 
-  /** Look from exactly where a photo was taken. */
-  function lookThrough(view) {
+  /** Look from exactly where a photo was taken; further movements turn around what is as far as `near`. */
+  function lookThrough(view, near = size.center) {
     lens = { ...view, exact: true };
     const at = poseOf(view.world_to_camera);
-    orbit.from(at, size.center);
+    orbit.from(at, near);
     moveTo(at);
     moved(true);
   }
@@ -229,14 +253,36 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     frameSphere(center, radius);
   }
 
-  /** Look at what is shown now: the object alone, or the scene. */
-  function frameShown() {
-    if (single) {
-      const { center, radius } = sphereOf(single.asset.resource.centers);
-      frameSphere(center, radius);
-    } else {
-      frameSphere(size.center, size.radius);
-    }
+  /** Look at the object that is shown alone, from the side of the photo that shows it largest. */
+  function frameAlone(views) {
+    if (!single) return;
+    const { center, radius } = sphereOf(single.asset.resource.centers);
+    const best = nearestTo(center, views, poseOf);
+    if (best) orbit.from(poseOf(best.world_to_camera), center);
+    frameSphere(center, radius);
+  }
+
+  /**
+   * Look from the place of the photo that shows an object best; `members` has a byte for each Gaussian, in the order of
+   * the file. Return that view, or null where no photo shows it.
+   */
+  function lookAt(members, views) {
+    const { centers } = scene.asset.resource;
+    const places = [...scene.order.keys()].filter((place) => members[scene.order[place]]);
+    if (places.length === 0) return null;
+    const points = places.map((place) => [...centers.subarray(3 * place, 3 * place + 3)]);
+    const { center, radius } = sphereOf(points.flat());
+    // Neighbours in memory are neighbours in space, so every n-th is a fair sample.
+    const step = Math.max(1, Math.floor(points.length / SAMPLES));
+    const sample = points.filter((_, i) => i % step === 0);
+    const best = viewOfObject(sample, { center, radius }, views, poseOf, shownData());
+    if (best) lookThrough(best, center);
+    return best;
+  }
+
+  /** Return the view whose place and direction are most like those of the present camera. */
+  function nearestView(views) {
+    return mostLike(pose, size.radius, views, poseOf);
   }
 
   /** Return the point of the scene that is seen at a place of the canvas, in CSS pixels, or null where there is nothing. */
@@ -244,7 +290,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     if (!scene) return null;
     const { f, c } = intrinsics(canvas.clientWidth, canvas.clientHeight);
     const { eye, direction } = rayThrough(pose, f, c, [x, y]);
-    const distance = hitDistance(scene.asset.resource.gsplatData, eye, direction);
+    const distance = hitDistance(single ? single.asset.resource.gsplatData : shownData(), eye, direction);
     return distance === null ? null : add(eye, scale(direction, distance));
   }
 
@@ -258,7 +304,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
 
   /** Return those of `views` whose photos show `point`, the one that looks most like the present camera first. */
   function viewsThatShow(point, views) {
-    return viewsOf(point, pose.eye, views, poseOf, scene.asset.resource.gsplatData);
+    return viewsOf(point, pose.eye, views, poseOf, shownData());
   }
 
   /** Return the picture as a PNG. */
@@ -280,7 +326,10 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     app.destroy();
   }
 
-  return { load, showOnly, lookThrough, setScene, frame, frameShown, zoom: orbit.zoom, pick, place, viewsThatShow, picture, dispose };
+  return {
+    load, showOnly, setLooks, lookThrough, setScene, frame, frameAlone, zoom: orbit.zoom, pick, place, viewsThatShow, lookAt,
+    nearestView, picture, dispose,
+  };
 }
 
 async function createApp(canvas) {
@@ -328,11 +377,17 @@ function change(chunks, name, from, to) {
 async function fetchSplats(app, url, progress) {
   const response = await fetch(url, { credentials: "same-origin", cache: "no-cache" }).catch(() => null);
   if (!response?.ok) throw new Error("The 3D data could not be loaded. Check the connection and load the page again.");
-  const asset = new Asset(url, "gsplat", { url, filename: "scene.ply", contents: response });
+  const asset = new Asset(url, "gsplat", { url, filename: "scene.ply", contents: response }, { reorder: false });
   app.assets.add(asset);
+  // Neighbours lie together in memory, as the renderer would order them by itself; `order` leads back to the file.
+  let order = null;
+  asset.on("load:data", (data) => {
+    order = data.calcMortonOrder();
+    data.reorder(order);
+  });
   asset.on("progress", (received, total) => total > 0 && progress(received / total));
   return new Promise((resolve, reject) => {
-    asset.once("load", () => resolve(asset));
+    asset.once("load", () => resolve({ asset, order }));
     asset.once("error", () => reject(new Error("The 3D data is damaged. Load the page again.")));
     app.assets.load(asset);
   });

@@ -1,6 +1,6 @@
 // Choose an object by clicks in a photo: a dialog with the photo, dots for the clicks, and the photos to switch between.
 import { startJob, viewUrl } from "../api.js";
-import { announce, during, field, h, newId, notify, setText, show, svg } from "../dom.js";
+import { announce, during, field, h, newId, notify, put, refill, setText, show, svg } from "../dom.js";
 
 const SIDE = 1600;
 const STEP = 0.02; // Share of the photo that an arrow key moves the cross.
@@ -88,7 +88,8 @@ function showDialog(context, views, first, object, clicks) {
     const [x, y] = [cross[0] * view.width, cross[1] * view.height];
     const arm = 1.5 * size;
     const path = `M${x - arm} ${y}H${x + arm}M${x} ${y - arm}V${y + arm}`;
-    dots.replaceChildren(
+    refill(
+      dots,
       ...here.map((click) => dotShape(click, size)),
       svg("path", { class: "cross under", d: path }),
       svg("path", { class: "cross", d: path }),
@@ -145,7 +146,7 @@ function showDialog(context, views, first, object, clicks) {
   image.addEventListener("error", () => setText(state, "The photo could not be loaded. Try another one."));
 
   show(position, views.length > 1);
-  document.body.append(dialog);
+  put(document.body, dialog);
   showPhoto();
   dialog.showModal();
   target.focus();

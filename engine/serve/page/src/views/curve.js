@@ -1,5 +1,5 @@
 // A small curve of the quality (PSNR) against the time.
-import { h, show, svg } from "../dom.js";
+import { h, refill, show, svg } from "../dom.js";
 
 const WIDTH = 320;
 const HEIGHT = 150;
@@ -20,7 +20,7 @@ export function createCurve() {
     drawn = key;
     const [seconds, quality] = points.at(-1);
     drawing.setAttribute("aria-label", `Quality ${quality.toFixed(1)} dB after ${Math.round(seconds)} seconds`);
-    drawing.replaceChildren(...shapes(points));
+    refill(drawing, ...shapes(points));
   }
 
   return { element, update };

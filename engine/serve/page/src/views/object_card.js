@@ -1,7 +1,8 @@
 // One object: show it, correct it, fill in its record, download it, delete it.
 import { changeObject, deleteObject, exportUrl, objectUrl } from "../api.js";
-import { announce, confirmed, during, field, h, setText } from "../dom.js";
-import { formatName, plural } from "../format.js";
+import { announce, confirmed, during, field, h, refill, setText } from "../dom.js";
+import { DOWNLOADS, formatName, plural } from "../format.js";
+import { createObjectButtons } from "../object_buttons.js";
 
 const FIELDS = [
   ["name", "Name"],
@@ -13,15 +14,19 @@ const FIELDS = [
 
 export function createObjectCard(context, first, { stage, clicks, shownAlone }) {
   const { id } = context;
+  const { looks } = stage;
   let object = first;
   let alone = false;
   let version = Date.now(); // in the address, so that a corrected object is loaded again
 
-  const name = h("h3");
-  const facts = h("p", { class: "quiet" });
+  const name = h("span", { class: "object-name" });
+  const facts = h("span", { class: "quiet" });
+  const picture = h("span", { class: "thumbnail" });
+  const buttons = createObjectButtons(looks, () => object, (one) => stage.point(one, true), [picture, h("span", null, name, facts)]);
   const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");
   const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, "Correct");
-  const download = (format) => h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, `Download ${formatName(format)}`);
+  const download = (format) => h("li", null, h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, formatName(format)));
+  const downloads = h("details", { class: "downloads" }, h("summary", null, "Download"), h("ul", { class: "row" }, DOWNLOADS.map(download)));
   const inputs = Object.fromEntries(
     FIELDS.map(([key, label]) => {
       const props = { maxlength: key === "notes" ? 5000 : 300, autocomplete: "off", value: object[key] ?? "" };
@@ -41,9 +46,9 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   const element = h(
     "li",
     { class: "object" },
-    h("div", null, name, facts),
+    buttons.element,
     h("div", { class: "row" }, look, correct),
-    h("div", { class: "row" }, download("ply"), download("glb"), download("sog"), download("html")),
+    downloads,
     details,
   );
 
@@ -80,10 +85,25 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
     element.classList.toggle("current", value);
   }
 
+  function updateLooks() {
+    buttons.update();
+    element.classList.toggle("lit", looks.lit() === object.id);
+    element.classList.toggle("unseen", looks.isHidden(object.id));
+  }
+
+  function updatePicture() {
+    const missing = () => refill(picture, h("span", { "aria-hidden": "true" }, "◌"));
+    if (!object.picture) return missing();
+    refill(picture, h("img", { src: `${object.picture}?v=${version}`, alt: "", loading: "lazy", onerror: missing }));
+  }
+
   function update(news) {
-    if (news.n_gaussians !== object.n_gaussians) version = Date.now();
+    const isNew = news.n_gaussians !== object.n_gaussians;
+    if (isNew) version = Date.now();
     const before = object;
     object = news;
+    if (isNew) looks.forget(object.id, false);
+    if (isNew || !picture.firstChild) updatePicture();
     setText(name, object.title || object.name);
     setText(facts, factsOf(object));
     for (const [key] of FIELDS) {
@@ -91,10 +111,11 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
       // What a person is typing is not overwritten.
       if (input.value.trim() === (before[key] ?? "")) input.value = object[key] ?? "";
     }
+    updateLooks();
   }
 
   update(first);
-  return { element, update, setAlone, isAlone: () => alone };
+  return { element, update, updateLooks, setAlone, isAlone: () => alone };
 }
 
 function factsOf(object) {

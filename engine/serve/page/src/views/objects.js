@@ -1,6 +1,6 @@
 // Isolation of objects by words, clicks or all at once, and the list of objects.
 import { startJob } from "../api.js";
-import { announce, during, field, h, setText, show } from "../dom.js";
+import { announce, during, field, h, notify, put, refill, setText, show } from "../dom.js";
 import { createObjectCard } from "./object_card.js";
 import { isActive } from "./project.js";
 import { createProgress } from "./progress.js";
@@ -9,6 +9,7 @@ export function createObjects(context, { stage, clicks }) {
   const { id } = context;
   const cards = new Map(); // id of the object -> its card
   let names = null; // of the last update, to tell what is new
+  let lastDone = null; // id of the last isolation that ended, "" before one
 
   const words = h("input", { type: "text", placeholder: "vase, teapot", autocomplete: "off", maxlength: 500, required: true, enterkeyhint: "go" });
   const isolate = h("button", { class: "main" }, "Isolate");
@@ -26,7 +27,9 @@ export function createObjects(context, { stage, clicks }) {
   const told = h("p", { class: "quiet", hidden: true });
   const refused = h("div", { class: "not-found", hidden: true });
   const none = h("p", { class: "quiet" }, "No objects yet. Type a word, press Find all, or click an object in a photo.");
-  const list = h("ul", { class: "objects" });
+  const list = h("ul", { class: "objects", "aria-label": "Objects" });
+  const dim = h("input", { type: "checkbox", onchange: () => stage.looks.setDim(dim.checked).catch((error) => notify(error.message)) });
+  const dimming = h("label", { class: "check", hidden: true }, dim, "Dim what is not lit");
   const element = h(
     "div",
     { class: "card panel" },
@@ -37,6 +40,7 @@ export function createObjects(context, { stage, clicks }) {
     told,
     refused,
     none,
+    dimming,
     list,
   );
 
@@ -64,14 +68,14 @@ export function createObjects(context, { stage, clicks }) {
   }
 
   function update(project) {
-    const isElsewhere = project.job?.kind === "reconstruct";
+    const isElsewhere = Boolean(project.job) && project.job.kind !== "segment";
     const isToldBelow = project.not_found && !isActive(project.job);
     progress.update(isElsewhere || isToldBelow ? null : project.job, isElsewhere ? [] : project.waiting);
     // What was found again adds no card to the list.
     const isDone = project.job?.kind === "segment" && project.job.state === "finished";
     setText(told, isDone ? project.job.message : "");
     show(told, isDone && Boolean(told.textContent));
-    updateRefused(isActive(project.job) ? null : project.not_found);
+    updateRefused(isActive(project.job) ? null : project.not_found, project.objects);
     show(none, project.objects.length === 0);
     const present = new Set(project.objects.map((object) => object.id));
     for (const [key, card] of cards) {
@@ -79,18 +83,31 @@ export function createObjects(context, { stage, clicks }) {
       if (card.isAlone()) stage.showScene();
       card.element.remove();
       cards.delete(key);
+      stage.looks.forget(key, true);
     }
     for (const object of project.objects) {
       if (!cards.has(object.id)) {
         const card = createObjectCard(context, object, { stage, clicks, shownAlone });
         cards.set(object.id, card);
-        list.append(card.element);
+        put(list, card.element);
       }
       cards.get(object.id).update(object);
     }
     const fresh = project.objects.filter((object) => names && !names.has(object.id));
+    show(dimming, project.objects.length > 0);
+    lightResult(project, isDone);
+    lastDone ??= "";
     if (fresh.length > 0) announce(`New: ${fresh.map((object) => object.name).join(", ")}.`);
     names = present;
+  }
+
+  /** Light what an isolation made or found again, so that it is seen at once. */
+  function lightResult({ job, objects }, isDone) {
+    if (!isDone || job.id === lastDone) return;
+    const isNews = lastDone !== null;
+    lastDone = job.id;
+    const object = objects.find((one) => one.id === job.objects[0] && one.kind !== "background");
+    if (isNews && object) stage.point(object).catch((error) => notify(error.message));
   }
 
   /** Mark the object that is shown alone; null for the whole scene. */
@@ -98,32 +115,47 @@ export function createObjects(context, { stage, clicks }) {
     for (const [key, card] of cards) card.setAlone(key === object);
   }
 
-  function updateRefused(answer) {
-    const key = JSON.stringify(answer ?? null);
+  function updateRefused(answer, known) {
+    const alike = known.filter((object) => answer?.objects.includes(object.id));
+    const key = JSON.stringify([answer ?? null, alike.map((object) => object.name)]);
     if (refused.key === key) return;
     refused.key = key;
     show(refused, Boolean(answer));
-    if (!answer) return refused.replaceChildren();
+    if (!answer) return refill(refused);
     const candidates = answer.candidates ?? [];
-    refused.replaceChildren(
+    const suggested = answer.suggestions.map((text) => action(text, () => run({ prompt: text })));
+    const existing = alike.map((object) => action(object.name, () => stage.point(object, true)));
+    refill(
+      refused,
       h("h3", null, "Not found"),
       ...answer.messages.map((text) => h("p", null, text)),
-      candidates.length > 0 ? h("p", null, "Is it one of these?") : "",
-      h("ul", { class: "candidates" }, candidates.map(candidateItem)),
+      suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Words to try" }, h("span", null, "Try:"), suggested) : null,
+      existing.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Objects that exist" }, h("span", null, "Exists:"), existing) : null,
+      candidates.length > 0 ? h("p", null, "Is it one of these?") : null,
+      h("ul", { class: "candidates" }, candidates.map((one) => candidateItem(one, known))),
       action(candidates.length > 0 ? "None of these: click it" : "Click it in a photo", async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
     );
     announce(`Not found. ${answer.messages.join(" ")}`);
   }
 
-  function candidateItem(candidate) {
+  /** A candidate that is an object already is lit and not stored again. */
+  function candidateItem(candidate, known) {
+    const same = known.find((object) => object.id === candidate.object);
+    const choose = () => (same ? stage.point(same, true) : run({ accept: candidate.number }));
     const button = h(
       "button",
-      { type: "button", onclick: () => during(button, () => run({ accept: candidate.number })) },
+      { type: "button", onclick: () => during(button, choose) },
       h("img", { src: candidate.picture, alt: "" }),
-      h("span", null, candidate.text),
+      h("span", null, same ? `${same.name} (exists)` : candidate.text),
     );
     return h("li", null, button);
   }
 
-  return { element, update, shownAlone };
+  /** Objects were hidden, lit or dimmed. */
+  function looksChanged() {
+    for (const card of cards.values()) card.updateLooks();
+    dim.checked = stage.looks.isDim();
+  }
+
+  return { element, update, shownAlone, looksChanged };
 }

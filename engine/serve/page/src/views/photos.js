@@ -1,9 +1,11 @@
 // The photos of a project: choose, drop, take, see, remove.
-import { deletePhoto, photoUrl } from "../api.js";
-import { projectTrash } from "./trash.js";
-import { announce, during, h, notify, setText, show } from "../dom.js";
+import { deletePhoto, photoUrl, startJob } from "../api.js";
+import { announce, confirmed, during, h, notify, refill, roving, setText, show } from "../dom.js";
 import { megabytes, percent, plural } from "../format.js";
 import { createUploads } from "../upload.js";
+import { projectTrash } from "./trash.js";
+
+const DENSEST = 8; // How many times as many photos of a video as usual can be taken.
 
 export function createPhotos(context) {
   const { id, session } = context;
@@ -14,7 +16,8 @@ export function createPhotos(context) {
   let wasBusy = false;
   let known = 0;
 
-  const choose = picker({ multiple: true, accept: "image/*,video/*" });
+  // Not every system knows HEIC and MKV as pictures and videos, so their endings are named too.
+  const choose = picker({ multiple: true, accept: ["image/*", "video/*", ...limits.photo_types, ...limits.video_types].join() });
   const take = picker({ accept: "image/*", capture: "environment" });
   const chooseButton = h("button", { type: "button", class: "main", onclick: () => choose.click() }, "Choose photos");
   const drop = h(
@@ -41,6 +44,8 @@ export function createPhotos(context) {
   const trash = projectTrash(id, () => context.refresh());
   const element = h("section", { class: "card", "aria-label": "Photos" }, count, drop, uploading, refused, rejected, grid, trash.element);
 
+  roving(grid, "button");
+
   // A file dropped beside the area must not replace the page.
   const ending = new AbortController();
   for (const name of ["dragover", "drop"]) {
@@ -66,14 +71,12 @@ export function createPhotos(context) {
   }
 
   function add(files) {
-    const present = files.filter((file) => tiles.has(file.name));
-    if (present.length > 0 && present.length === files.length) notify(`${plural(present.length, "file")} of this name: already in the project.`);
-    const newFiles = files.filter((file) => !tiles.has(file.name));
-    const space = limits.project_photos - known;
-    if (newFiles.length > space) {
-      notify(`A project holds at most ${plural(limits.project_photos, "photo")}. Only the first ${Math.max(space, 0)} are uploaded.`);
+    // Names tell nothing: the camera of a phone calls each photo image.jpg. The server compares the contents.
+    const space = Math.max(limits.project_photos - known, 0);
+    if (files.length > space) {
+      notify(`A project holds at most ${plural(limits.project_photos, "photo")}. Only the first ${space} are uploaded.`);
     }
-    uploads.add(newFiles.slice(0, Math.max(space, 0)));
+    uploads.add(files.slice(0, space));
   }
 
   function showUploads(files) {
@@ -91,7 +94,7 @@ export function createPhotos(context) {
     const key = problems.map((file) => file.name + file.reason).join("|");
     if (refused.key !== key) {
       refused.key = key;
-      refused.replaceChildren(...problems.map(refusedItem));
+      refill(refused, ...problems.map(refusedItem));
     }
     if (isBusy !== wasBusy) {
       wasBusy = isBusy;
@@ -107,8 +110,8 @@ export function createPhotos(context) {
   }
 
   function update(project) {
-    const photos = [...project.photos, ...project.videos];
-    known = project.photos.length;
+    const { photos } = project;
+    known = photos.length;
     trash.update(project.removed);
     const bad = photos.filter((photo) => photo.accepted === false).length;
     setText(count, photos.length ? `Photos (${photos.length})` : "Photos");
@@ -117,23 +120,25 @@ export function createPhotos(context) {
     drop.classList.toggle("slim", photos.length > 0);
     show(rejected, bad > 0);
     setText(rejected, `${plural(bad, "photo")} cannot be used. The reason is under the picture.`);
-    show(grid, photos.length > 0);
-    const names = new Set(photos.map((photo) => photo.name));
+    const videos = project.videos.map((video) => ({ ...video, isVideo: true, accepted: video.problem ? false : null }));
+    show(grid, photos.length + videos.length > 0);
+    const all = [...videos, ...photos];
+    const names = new Set(all.map(tileName));
     for (const [name, tile] of tiles) {
       if (names.has(name)) continue;
       tile.remove();
       tiles.delete(name);
     }
     // The unusable ones come first: they need attention.
-    const ordered = [...photos].sort((a, b) => (a.accepted === false ? 0 : 1) - (b.accepted === false ? 0 : 1));
+    const ordered = all.sort((a, b) => (a.accepted === false ? 0 : 1) - (b.accepted === false ? 0 : 1));
     ordered.forEach((photo, index) => {
-      const key = `${photo.accepted}|${photo.reason}`;
-      let tile = tiles.get(photo.name);
+      const key = JSON.stringify([photo.accepted, photo.reason, photo.problem, photo.n_photos, photo.density]);
+      let tile = tiles.get(tileName(photo));
       if (tile?.key !== key) {
-        const fresh = tileOf(photo);
+        const fresh = photo.isVideo ? videoTile(photo) : tileOf(photo);
         fresh.key = key;
         if (tile) tile.replaceWith(fresh);
-        tiles.set(photo.name, fresh);
+        tiles.set(tileName(photo), fresh);
         tile = fresh;
       }
       if (grid.children[index] !== tile) grid.insertBefore(tile, grid.children[index] ?? null);
@@ -141,24 +146,48 @@ export function createPhotos(context) {
   }
 
   function tileOf(photo) {
-    const isVideo = limits.video_types.some((ending) => photo.name.toLowerCase().endsWith(ending));
-    const picture = isVideo
-      ? h("span", { class: "no-picture" }, "Video")
-      : h("img", { src: photoUrl(id, photo.name, 320), alt: photo.name, loading: "lazy", onerror: () => picture.replaceWith(h("span", { class: "no-picture" }, "No picture")) });
-    const button = h("button", { type: "button", class: "remove", "aria-label": `Remove ${photo.name}`, title: "Remove", onclick: () => during(button, () => remove(photo)) }, "×");
+    const noPicture = () => picture.replaceWith(h("span", { class: "no-picture" }, "No picture"));
+    const picture = h("img", { src: photoUrl(id, photo.name, 320), alt: photo.name, loading: "lazy", onerror: noPicture });
     return h(
       "li",
       { class: photo.accepted === false ? "bad" : "" },
       picture,
-      button,
-      h("p", { class: "name" }, photo.name),
+      removeButton(photo),
+      h("p", { class: "name", title: photo.name }, photo.name),
       photo.accepted === false ? h("p", { class: "problem" }, photo.reason || "This photo cannot be used.") : null,
     );
   }
 
-  async function remove(photo) {
-    await deletePhoto(id, photo.name);
-    announce(`${photo.name} was removed.`);
+  function removeButton(item) {
+    const action = () => during(button, () => remove(item));
+    const button = h("button", { type: "button", class: "remove", "aria-label": `Remove ${item.name}`, title: "Remove", onclick: action }, "×");
+    return button;
+  }
+
+  /** A video with what became of it: how many photos, or why none; and a button that takes more of them. */
+  function videoTile(video) {
+    const denser = Math.min(2 * (video.density || 1), DENSEST);
+    const take = () => startJob(id, { kind: "frames", video: video.name, density: denser }).then(context.refresh);
+    const more = h("button", { type: "button", class: "small", onclick: () => during(more, take) }, "Take more photos");
+    const state = video.problem || (video.n_photos > 0 ? `${plural(video.n_photos, "photo")} taken from it` : "No photos taken from it yet");
+    return h(
+      "li",
+      { class: video.problem ? "video bad" : "video" },
+      h("span", { class: "no-picture" }, "Video"),
+      removeButton(video),
+      h("p", { class: "name", title: video.name }, video.name),
+      h("p", { class: video.problem ? "problem" : "hint" }, state),
+      video.problem ? h("p", { class: "hint" }, "Remove it, then choose a copy that plays.") : null,
+      video.n_photos > 0 && denser > video.density ? more : null,
+    );
+  }
+
+  async function remove(item) {
+    const kept = item.isVideo && item.n_photos > 0 ? " The photos that were taken from it stay." : "";
+    const sure = await confirmed(`Remove “${item.name}”?`, `It is moved to the removed files below the photos, and can be brought back.${kept}`, "Remove");
+    if (!sure) return;
+    await deletePhoto(id, item.name);
+    announce(`${item.name} was removed.`);
     await context.refresh();
     grid.focus();
   }
@@ -173,6 +202,11 @@ export function createPhotos(context) {
       ending.abort();
     },
   };
+}
+
+/** A video and a photo may have one name. */
+function tileName(item) {
+  return `${item.isVideo ? "video" : "photo"} ${item.name}`;
 }
 
 function sum(items, key) {

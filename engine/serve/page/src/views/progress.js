@@ -1,9 +1,10 @@
 // The job that runs: stage, bar, time left, live picture, curve, Stop and Continue.
 import { continueJob, previewUrl, stopJob } from "../api.js";
-import { announce, confirmed, during, h, setText, show } from "../dom.js";
-import { duration, percent } from "../format.js";
+import { announce, confirmed, during, h, refill, setText, show } from "../dom.js";
+import { duration, percent, stageText } from "../format.js";
 import { createCurve } from "./curve.js";
 import { isActive } from "./project.js";
+import { createTellMe } from "./tell_me.js";
 
 const PICTURE_EVERY = 2000; // Milliseconds between live pictures at least.
 
@@ -23,6 +24,7 @@ export function createProgress(context, { compact = false } = {}) {
   const picture = h("img", { class: "preview", alt: "The scene so far", hidden: true });
   const curve = createCurve();
   const stop = h("button", { type: "button", onclick: () => during(stop, stopThis) }, "Stop");
+  const tellMe = createTellMe();
   const goOn = h("button", { type: "button", class: "main", onclick: () => during(goOn, continueThis) }, "Continue");
   const dismiss = h("button", { type: "button", onclick: () => during(dismiss, dismissThis) }, "Dismiss");
   const queue = h("ul", { class: "queue" });
@@ -35,7 +37,7 @@ export function createProgress(context, { compact = false } = {}) {
     message,
     warnings,
     compact ? null : h("div", { class: "live" }, picture, curve.element),
-    h("div", { class: "row" }, goOn, stop, dismiss),
+    h("div", { class: "row" }, goOn, stop, dismiss, tellMe.button),
     queue,
   );
 
@@ -59,6 +61,7 @@ export function createProgress(context, { compact = false } = {}) {
   }
 
   function update(newJob, waiting = []) {
+    if (isActive(job) && newJob?.id === job.id && !isActive(newJob)) tellMe.ended(endOf(newJob));
     job = newJob;
     const active = isActive(job);
     const stopped = job?.state === "stopped" || Boolean(job?.error);
@@ -67,6 +70,7 @@ export function createProgress(context, { compact = false } = {}) {
     updateQueue(others);
     for (const part of [heading, bar, stage, left, message, warnings]) show(part, active || stopped);
     show(stop, active);
+    tellMe.update(active && !compact);
     show(goOn, stopped);
     setText(goOn, job?.error ? "Try again" : "Continue");
     show(dismiss, stopped && compact);
@@ -76,14 +80,14 @@ export function createProgress(context, { compact = false } = {}) {
     const running = job.state === "running";
     if (running) bar.value = job.fraction ?? 0;
     show(bar, running);
-    setText(stage, running ? `${job.stage || "Starting"} · ${percent(job.fraction ?? 0)}` : "");
-    setText(left, running && typeof job.seconds_left === "number" ? `${duration(job.seconds_left)} left` : "");
+    setText(stage, running ? `${stageText(job.stage)} · ${percent(job.fraction ?? 0)}` : "");
+    setText(left, running ? leftText(job) : "");
     setText(message, job.error || waitingText(job) || job.message || "");
     message.className = job.error ? "problem" : "";
     const texts = (job.warnings ?? []).join("\n");
     if (warnings.key !== texts) {
       warnings.key = texts;
-      warnings.replaceChildren(...(job.warnings ?? []).map((text) => h("li", null, text)));
+      refill(warnings, ...(job.warnings ?? []).map((text) => h("li", null, text)));
     }
     if (!compact) {
       curve.update(job.curve ?? []);
@@ -96,7 +100,8 @@ export function createProgress(context, { compact = false } = {}) {
     const key = others.map((each) => each.id).join("|");
     if (queue.key === key) return;
     queue.key = key;
-    queue.replaceChildren(
+    refill(
+      queue,
       ...others.map((each) => {
         const remove = async () => {
           await stopJob(id, each.id);
@@ -125,7 +130,7 @@ export function createProgress(context, { compact = false } = {}) {
   /** Screen readers hear each stage, each quarter and the end, not every step. */
   function say() {
     const quarter = Math.floor(4 * (job.fraction ?? 0)) * 25;
-    const text = job.state === "running" ? `${job.stage}, ${quarter} %` : headingOf(job);
+    const text = job.state === "running" ? `${stageText(job.stage)}, ${quarter} %` : headingOf(job);
     if (text !== said) announce(text);
     said = text;
   }
@@ -139,6 +144,16 @@ function headingOf(job) {
   if (job.state === "stopped") return `${name}: stopped`;
   if (job.state === "waiting") return `${name}: waiting`;
   return name;
+}
+
+/** The time left for all of the work; before there is a forecast, that of the stage. */
+function leftText(job) {
+  if (typeof job.seconds_left_in_all === "number") return `${duration(job.seconds_left_in_all)} left in all`;
+  return typeof job.seconds_left === "number" ? `${duration(job.seconds_left)} left for this step` : "";
+}
+
+function endOf(job) {
+  return job.state === "finished" ? `${job.label}: finished` : headingOf(job);
 }
 
 function waitingText(job) {

@@ -1,15 +1,17 @@
 // One project: photos, reconstruction, result. The server's state is read again after each event and given to the parts.
 import { deleteProject, eventsUrl, getProject, renameProject, reportUrl, sceneExportUrl } from "../api.js";
-import { asked, confirmed, during, h, notify, show } from "../dom.js";
+import { asked, confirmed, during, h, notify, put, show } from "../dom.js";
 import { listen } from "../events.js";
-import { formatName, plural } from "../format.js";
+import { onBack } from "../connection.js";
+import { DOWNLOADS, formatName, plural } from "../format.js";
 import { createPhotos } from "./photos.js";
 import { createProgress } from "./progress.js";
 import { createReconstruct } from "./reconstruct.js";
 import { createResult } from "./result.js";
 
 export async function projectScreen(root, session, id) {
-  let project = await getProject(id);
+  const read = await getProject(id);
+  let project = { ...read, job: present(read) };
   let reading = false;
   let readAgain = false;
   let ended = false;
@@ -43,11 +45,13 @@ export async function projectScreen(root, session, id) {
 
   const title = h("h1", null, project.title);
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
-  const sceneFile = (format) => h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, `Scene as ${formatName(format)}`);
-  const files = [report, sceneFile("ply"), sceneFile("glb"), sceneFile("sog"), sceneFile("html")];
+  const sceneFile = (format) => h("li", null, h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, formatName(format)));
+  const scenes = h("details", { class: "downloads menu" }, h("summary", null, "Download the scene"), h("ul", { class: "row" }, DOWNLOADS.map(sceneFile)));
+  const files = [report, scenes];
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
   const facts = h("p", { class: "quiet facts", hidden: true });
+  const health = h("p", { class: "problem" }); // what the check of the cameras found
   // With a scene, the photos are of less interest and are folded.
   const summary = h("summary", null, "Photos and reconstruction");
   const inside = h("div", { class: "stack" });
@@ -73,29 +77,34 @@ export async function projectScreen(root, session, id) {
   }
 
   function update(news) {
-    project = news;
-    title.textContent = project.title;
-    document.title = `${project.title} – Gaussian Heritage`;
+    project = { ...news, job: present(news) };
+    if (title.textContent !== project.title) {
+      title.textContent = project.title;
+      document.title = `${project.title} – Gaussian Heritage`;
+    }
     const hasScene = Boolean(project.scene);
     const isFirst = !hasScene || (isActive(project.job) && project.job.kind === "reconstruct");
     for (const file of files) show(file, hasScene);
     show(facts, hasScene);
     facts.textContent = hasScene ? sceneFacts(project) : "";
+    health.textContent = project.scene?.cameras ?? "";
     const place = hasScene ? inside : open;
-    if (photos.element.parentElement !== place) place.append(photos.element, reconstruct.element);
+    if (photos.element.parentElement !== place) put(place, photos.element, reconstruct.element);
     show(folded, hasScene);
     show(open, !hasScene);
     photos.update(project);
     reconstruct.update(project);
     // Jobs of objects are shown beside the objects.
-    progress.update(isFirst || project.job?.kind === "reconstruct" ? project.job : null, project.waiting);
+    progress.update(isShown(project.job, isFirst) ? project.job : null, project.waiting);
     result.update(project);
   }
 
-  root.append(
+  put(
+    root,
     h("p", { class: "back" }, h("a", { href: "#/" }, "← All projects")),
     h("div", { class: "row apart" }, title, h("div", { class: "row" }, files, rename)),
     facts,
+    health,
     progress.element,
     open,
     result.element,
@@ -104,6 +113,7 @@ export async function projectScreen(root, session, id) {
   );
   update(project);
 
+  const forgetBack = onBack(refresh);
   const stopListening = listen(eventsUrl(id), {
     job: (job) => {
       const wasActive = isActive(project.job);
@@ -111,6 +121,7 @@ export async function projectScreen(root, session, id) {
       if (job.id !== project.job?.id || wasActive !== isActive(job)) refresh();
       else update({ ...project, job });
     },
+    waiting: refresh,
     photos: refresh,
     objects: refresh,
     scene: () => {
@@ -122,9 +133,22 @@ export async function projectScreen(root, session, id) {
   return () => {
     ended = true;
     stopListening();
+    forgetBack();
     photos.dispose();
+    reconstruct.dispose();
     result.dispose();
   };
+}
+
+/** The job that works or, without one, that waits for its turn; otherwise the last one. */
+function present({ job, waiting }) {
+  return isActive(job) || waiting.length === 0 ? job : waiting[0];
+}
+
+/** Whether the progress at the top is that of a job: the tile of a video tells why it gave no photos. */
+function isShown(job, isFirst) {
+  if (job?.kind === "frames") return isActive(job);
+  return isFirst || job?.kind !== "segment";
 }
 
 export function isActive(job) {
@@ -134,6 +158,5 @@ export function isActive(job) {
 function sceneFacts(project) {
   const parts = [plural(project.n_photos, "photo"), plural(project.scene.n_gaussians, "Gaussian")];
   if (project.scene.psnr) parts.push(`quality ${project.scene.psnr.toFixed(1)} dB (PSNR)`);
-  if (project.scene.cameras) parts.push(project.scene.cameras);
   return parts.join(" · ");
 }

@@ -1,22 +1,56 @@
 // All projects.
-import { createProject, listProjects } from "../api.js";
-import { asked, during, h } from "../dom.js";
+import { createProject, listProjects, photoUrl } from "../api.js";
+import { suspect } from "../connection.js";
+import { asked, during, h, put, refill } from "../dom.js";
 import { date, plural, stateText } from "../format.js";
 import { deletedProjects } from "./trash.js";
 
+const EVERY = 5000; // Milliseconds between two looks at the states of the projects.
+
 export async function projectsScreen(root) {
-  const projects = await listProjects();
+  let shown = await listProjects();
   const button = h("button", { type: "button", class: "main", onclick: () => during(button, create) }, "New project");
-  root.append(
+  const place = h("div", { class: "stack" });
+  const trash = h("div");
+  put(
+    root,
     h("div", { class: "row apart" }, h("h1", null, "Projects"), button),
-    projects.length > 0 ? h("ul", { class: "projects" }, projects.map(item)) : welcome(),
+    place,
+    trash,
   );
-  const trash = await deletedProjects(async () => {
-    root.replaceChildren();
-    await projectsScreen(root);
-  });
-  if (trash) root.append(trash);
-  return () => {};
+  fill();
+  await showTrash();
+
+  function fill() {
+    refill(place, shown.length > 0 ? h("ul", { class: "projects" }, shown.map(item)) : welcome());
+  }
+
+  async function showTrash() {
+    const deleted = await deletedProjects(async () => {
+      shown = await listProjects();
+      fill();
+      await showTrash();
+    });
+    refill(trash, deleted);
+  }
+
+  /** What waits or works changes by itself. */
+  async function refresh() {
+    if (document.hidden) return;
+    try {
+      const news = await listProjects();
+      if (JSON.stringify(news) === JSON.stringify(shown)) return;
+      shown = news;
+      const focused = document.activeElement?.getAttribute("href");
+      fill();
+      [...place.querySelectorAll("a")].find((link) => link.getAttribute("href") === focused)?.focus();
+    } catch {
+      suspect();
+    }
+  }
+
+  const timer = setInterval(refresh, EVERY);
+  return () => clearInterval(timer);
 }
 
 async function create() {
@@ -34,11 +68,19 @@ function item(project) {
     h(
       "a",
       { href: `#/projects/${encodeURIComponent(project.id)}`, class: "card" },
+      cover(project),
       h("h2", null, project.title),
       h("p", null, h("span", { class: `state ${project.state}` }, stateText(project.state))),
       h("p", { class: "quiet" }, facts),
     ),
   );
+}
+
+function cover(project) {
+  const empty = () => h("span", { class: "no-picture" }, "No photos yet");
+  if (!project.cover) return empty();
+  const picture = h("img", { src: photoUrl(project.id, project.cover, 320), alt: "", loading: "lazy", onerror: () => picture.replaceWith(empty()) });
+  return picture;
 }
 
 function welcome() {

@@ -1,6 +1,8 @@
 // Choice of the preset and the one next step.
 import { startJob } from "../api.js";
+import { getForecast } from "../calls.js";
 import { announce, during, h, newId, setText, show } from "../dom.js";
+import { forecastText } from "../format.js";
 import { isActive } from "./project.js";
 
 const PRESETS = {
@@ -15,10 +17,14 @@ export function createReconstruct(context, photos) {
   let project = null;
   const name = newId("preset");
   const first = session.presets.includes("standard") ? "standard" : session.presets[0];
+  const times = new Map(); // preset -> where its time stands
+  let forecastOf = ""; // the photos that the shown times are of
   const choices = session.presets.map((preset) => {
     const [label, text] = PRESETS[preset] ?? [preset, ""];
     const input = h("input", { type: "radio", name, value: preset, checked: preset === first });
-    return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, text)));
+    const time = h("span", { class: "hint time" });
+    times.set(preset, time);
+    return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, text), time));
   });
   const masks = h("input", { type: "checkbox" });
   const masking = h(
@@ -37,6 +43,9 @@ export function createReconstruct(context, photos) {
     h("div", { class: "next" }, button, note),
   );
   photos.onIdle(() => project && update(project));
+  // The forecast costs the server some seconds, so it is made when somebody looks.
+  const seen = new IntersectionObserver(([entry]) => entry.isIntersecting && project && update(project));
+  seen.observe(element);
 
   async function start() {
     const preset = element.querySelector("input[type=radio]:checked").value;
@@ -62,11 +71,27 @@ export function createReconstruct(context, photos) {
     button.classList.toggle("large", isNext);
     button.classList.toggle("main", isNext);
     show(element, project.photos.length > 0 && !isActive(project.job));
+    if (!reason && usable >= FEWEST) forecast();
+  }
+
+  /** Ask the server how long each preset takes, once for these photos and only where it is seen. */
+  async function forecast() {
+    const photosNow = project.photos.map((photo) => photo.name).join("/");
+    if (forecastOf === photosNow || element.offsetParent === null) return;
+    forecastOf = photosNow;
+    const write = (of) => times.forEach((place, preset) => setText(place, of(preset)));
+    write(() => "How long it takes is being estimated…");
+    try {
+      const seconds = await getForecast(id);
+      if (forecastOf === photosNow) write((preset) => (seconds[preset] ? `Takes ${forecastText(seconds[preset])}.` : ""));
+    } catch {
+      write(() => ""); // The reconstruction itself says what is wrong.
+    }
   }
 
   function hasVideo() {
-    return project.photos.some((photo) => session.limits.video_types.some((ending) => photo.name.toLowerCase().endsWith(ending)));
+    return project.videos.some((video) => !video.problem);
   }
 
-  return { element, update };
+  return { element, update, dispose: () => seen.disconnect() };
 }

@@ -10,6 +10,7 @@ export function createResult(context) {
   let cameras = null; // a promise, as both the viewer and the clicks need them
   const stage = createStage(context, {
     sceneShown: () => objects.shownAlone(null),
+    looksChanged: () => objects.looksChanged(),
     openPhoto: (click) => clicks.open({ photo: click.photo, click }),
   });
   const clicks = createClicks(context, () => cameras);

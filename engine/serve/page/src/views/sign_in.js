@@ -1,6 +1,6 @@
 // Sign in with the token that the person who runs the server gave out.
 import { signIn } from "../api.js";
-import { during, field, h } from "../dom.js";
+import { during, field, h, put } from "../dom.js";
 
 export function signInScreen(root, done) {
   const token = h("input", { type: "password", required: true, autocomplete: "current-password", name: "token" });
@@ -18,7 +18,8 @@ export function signInScreen(root, done) {
       }
     });
   };
-  root.append(
+  put(
+    root,
     h(
       "form",
       { class: "card narrow", onsubmit: submit },

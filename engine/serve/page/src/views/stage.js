@@ -1,49 +1,51 @@
 // The viewer with its buttons and the strip of photos, each of which leads to its camera.
 import { sceneUrl, viewUrl } from "../api.js";
-import { announce, during, h, setText, show, svg } from "../dom.js";
+import { getMembers } from "../calls.js";
+import { announce, during, h, refill, roving, setText, show } from "../dom.js";
 import { startViewer } from "../lazy_viewer.js";
+import { createObjectLooks } from "../object_looks.js";
+import { HELP, createTools } from "../tools.js";
 import { createPicked } from "./picked.js";
-
-const HELP = "Drag to turn, two fingers or Shift and drag to move, scroll or pinch to zoom, click an object to isolate it. Keys: arrows turn, Shift and arrows move, + and − zoom.";
 
 /**
  * `sceneShown()` is called when the whole scene is shown again by a button here, `openPhoto(click)` to show a click of
- * the viewer in its photo.
+ * the viewer in its photo, `looksChanged()` when objects are hidden, lit or dimmed.
  */
-export function createStage(context, { sceneShown, openPhoto }) {
+export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
   const { id } = context;
   let viewer = null;
   let views = [];
+  let unit = { metresPerUnit: null, text: "" };
   let photo = ""; // whose camera is used, "" after a movement
   let starts = 0;
   let disposed = false;
 
-  const canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": `3D scene. ${HELP}` });
+  const canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": `3D scene. ${HELP} A click on an object isolates it.` });
   const loading = h("p", { class: "loading", role: "status" }, "Loading the scene…");
   const aloneText = h("span");
   const whole = h("button", { type: "button", onclick: () => during(whole, showScene) }, "Show the whole scene");
   const alone = h("div", { class: "alone", hidden: true }, aloneText, whole);
-  const tool = (label, text, action) => {
-    const button = h("button", { type: "button", "aria-label": label, title: label, onclick: () => viewer && during(button, action) }, text);
-    return button;
-  };
-  const tools = h(
-    "div",
-    { class: "tools", role: "group", "aria-label": "View" },
-    tool("Zoom in", "+", async () => viewer.zoom(1 / 1.3)),
-    tool("Zoom out", "−", async () => viewer.zoom(1.3)),
-    tool("Fit", "Fit", async () => viewer.frameShown()),
-    tool("Save picture", "Save picture", savePicture),
-    document.fullscreenEnabled ? tool("Full screen", corners(), fullScreen) : null,
-  );
-  const picked = createPicked(context, { openPhoto, isPickable: () => alone.hidden });
-  const box = h("div", { class: "canvas-box" }, canvas, picked.dot, loading, alone, picked.element, tools);
-  const strip = h("ul", { class: "strip", "aria-label": "Look from a photo's place", tabindex: 0 });
+  const looks = createObjectLooks(() => viewer, (object) => getMembers(id, object), looksChanged);
+  const tools = createTools(canvas, {
+    viewer: () => viewer,
+    views: () => views,
+    lookFrom,
+    current: () => views.find((view) => view.photo === photo),
+    home,
+    unit: () => unit,
+    file: () => "picture",
+    frame: () => frame,
+  });
+  const picked = createPicked(context, { openPhoto, isPickable: () => alone.hidden && !tools.measure.isOn() });
+  const box = h("div", { class: "canvas-box" }, canvas, tools.parts, picked.dot, loading, alone, picked.element);
+  const frame = h("div", { class: "frame" }, box, tools.element);
+  const strip = h("ul", { class: "strip", "aria-label": "Look from a photo's place" });
+  roving(strip, "button");
   const element = h(
     "div",
     { class: "stage" },
-    box,
-    h("p", { class: "hint" }, HELP),
+    frame,
+    h("details", { class: "help" }, h("summary", null, "How to move"), h("p", { class: "hint" }, `${HELP} A click on an object isolates it.`)),
     h("h2", { class: "strip-title" }, "Look from where a photo was taken"),
     strip,
   );
@@ -51,21 +53,25 @@ export function createStage(context, { sceneShown, openPhoto }) {
   /** Show the scene with these cameras; called again when the scene changes. */
   async function start(cameras) {
     const turn = ++starts;
-    views = cameras.views;
+    ({ views, unit } = cameras);
     fillStrip();
+    photo = "";
     show(loading, true);
     setText(loading, "Loading the scene…");
     try {
       if (!viewer) {
-        viewer = await startViewer(canvas, { moved });
+        viewer = await startViewer(canvas, { moved, wheelIgnored: tools.wheelIgnored });
         picked.listen(canvas, viewer, () => views);
+        tools.listen();
       }
       if (disposed) return viewer.dispose();
       viewer.setScene(cameras.center, cameras.radius, cameras.up);
       if (views.length > 0) lookFrom(views[0]);
       else viewer.frame(cameras.center, cameras.radius, cameras.up);
       await viewer.load(sceneUrl(id), (share) => setText(loading, `Loading the scene… ${Math.round(100 * share)} %`));
-      if (turn === starts) show(loading, false);
+      if (turn !== starts) return;
+      looks.reset();
+      show(loading, false);
       box.dataset.ready = "true";
     } catch (error) {
       setText(loading, error.message);
@@ -74,11 +80,30 @@ export function createStage(context, { sceneShown, openPhoto }) {
 
   function moved(isPhoto) {
     picked.clear();
+    tools.moved();
     if (!isPhoto) mark("");
   }
 
+  /** The view that the scene opened with; of an object that is shown alone, that side. */
+  function home() {
+    if (!alone.hidden) viewer.frameAlone(views);
+    else if (views.length > 0) lookFrom(views[0]);
+  }
+
+  /** Light an object in the scene, and look from the place of a photo that shows it; with `scroll` the page follows. */
+  async function point(object, scroll = false) {
+    if (!viewer) return;
+    if (scroll) box.scrollIntoView({ block: "nearest" });
+    if (!alone.hidden) await showScene();
+    await looks.light(object.id);
+    const view = viewer.lookAt(await looks.members(object.id), views);
+    if (view) mark(view.photo);
+    announce(`${object.name} is lit in the scene.`);
+  }
+
   function fillStrip() {
-    strip.replaceChildren(
+    refill(
+      strip,
       ...views.map((view) => {
         const button = h(
           "button",
@@ -111,8 +136,9 @@ export function createStage(context, { sceneShown, openPhoto }) {
     setText(loading, `Loading ${name}…`);
     show(loading, true);
     try {
+      tools.measure.end();
       await viewer.showOnly(url);
-      viewer.frameShown();
+      viewer.frameAlone(views);
       setText(aloneText, `${name} alone`);
       show(alone, true);
       announce(`${name} is shown alone.`);
@@ -123,22 +149,15 @@ export function createStage(context, { sceneShown, openPhoto }) {
 
   async function showScene() {
     if (!viewer) return;
-    await viewer.showOnly(null);
-    viewer.frameShown();
+    // Where the object was seen from: an orbit around it may have led behind a wall.
+    const nearest = viewer.nearestView(views);
+    tools.measure.end();
+    const drawn = viewer.showOnly(null);
+    if (nearest) lookFrom(nearest);
+    await drawn;
     show(alone, false);
     sceneShown();
     announce("The whole scene is shown.");
-  }
-
-  async function savePicture() {
-    const url = URL.createObjectURL(await viewer.picture());
-    h("a", { href: url, download: "picture.png" }).click();
-    setTimeout(() => URL.revokeObjectURL(url), 10000);
-  }
-
-  async function fullScreen() {
-    if (document.fullscreenElement) await document.exitFullscreen();
-    else await box.requestFullscreen();
   }
 
   function dispose() {
@@ -146,11 +165,5 @@ export function createStage(context, { sceneShown, openPhoto }) {
     viewer?.dispose();
   }
 
-  return { element, start, showObject, showScene, photo: () => photo, dispose };
-}
-
-/** The usual sign for full screen, drawn, because not every font has it. */
-function corners() {
-  const path = svg("path", { d: "M3 8V3h5M16 3h5v5M21 16v5h-5M8 21H3v-5" });
-  return svg("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, path);
+  return { element, start, showObject, showScene, point, looks, photo: () => photo, dispose };
 }

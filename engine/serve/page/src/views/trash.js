@@ -1,6 +1,6 @@
 // What was removed and can be brought back: photos and videos of a project, and projects.
 import { emptyTrash, listDeletedProjects, restorePhoto, restoreProject } from "../api.js";
-import { announce, confirmed, during, h, setText, show } from "../dom.js";
+import { announce, confirmed, during, h, refill, setText, show } from "../dom.js";
 import { megabytes, plural } from "../format.js";
 
 /** Return {element, update} for the removed photos and videos of a project; `changed` is called when one came back. */
@@ -15,8 +15,9 @@ export function projectTrash(id, changed) {
     const key = items.map((item) => item.id).join("|");
     if (list.key === key) return;
     list.key = key;
-    list.replaceChildren(
-      ...items.map((item) =>
+    refill(
+      list,
+      items.map((item) =>
         entry(item.name, item.bytes, async () => {
           const { name } = await restorePhoto(id, item.id);
           announce(`${name} was brought back.`);

@@ -1,17 +1,14 @@
-"""The panel tells how long the whole reconstruction still takes, as far as the engine has forecast it."""
+"""Blender and the web page tell how long the whole reconstruction still takes, as far as the engine has forecast it."""
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
 
 import pytest
 
-from .conftest import PACKAGE
+from engine.jobs import JobState, seconds_left_in_all
 
-time_left = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.time_left")
-JobState = importlib.import_module(f"{PACKAGE}.engine.jobs").JobState
 ESTIMATES = ("seconds", "low", "high", "cpu_seconds", "model_cpu_seconds")
 SIZES = ("memory", "memory_low", "memory_high", "model_memory")
 STAGES = [
@@ -27,18 +24,18 @@ def write_forecast(project: Path, forecast: object) -> None:
 
 def test_time_of_the_stages_to_come_is_added(tmp_path: Path) -> None:
     write_forecast(tmp_path, FORECAST)
-    assert time_left.seconds_left_in_all(tmp_path, JobState(stage="cameras", fraction=0.25)) == 135.0
-    assert time_left.seconds_left_in_all(tmp_path, JobState(stage="training", fraction=0.1, seconds_left=60.0)) == 65.0
+    assert seconds_left_in_all(tmp_path, JobState(stage="cameras", fraction=0.25)) == 135.0
+    assert seconds_left_in_all(tmp_path, JobState(stage="training", fraction=0.1, seconds_left=60.0)) == 65.0
 
 
 def test_nothing_is_told_before_there_is_a_forecast(tmp_path: Path) -> None:
-    assert time_left.seconds_left_in_all(tmp_path, JobState(stage="cameras")) is None
+    assert seconds_left_in_all(tmp_path, JobState(stage="cameras")) is None
     write_forecast(tmp_path, FORECAST)
-    assert time_left.seconds_left_in_all(tmp_path, JobState(stage="photos")) is None
+    assert seconds_left_in_all(tmp_path, JobState(stage="photos")) is None
 
 
 @pytest.mark.parametrize("forecast", [None, 5, {"stages": 1}, {"stages": [1]}, {"stages": [{"stage": "cameras"}]},
                                       {"stages": [{"stage": "cameras", "seconds": -1e300}]}])  # fmt: skip
 def test_damaged_forecast_is_not_shown(tmp_path: Path, forecast: object) -> None:
     write_forecast(tmp_path, forecast)
-    assert time_left.seconds_left_in_all(tmp_path, JobState(stage="cameras")) is None
+    assert seconds_left_in_all(tmp_path, JobState(stage="cameras")) is None

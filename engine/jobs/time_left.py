@@ -1,4 +1,4 @@
-"""The time left for a whole reconstruction, from the forecast that the engine stored in the project. No bpy."""
+"""The time left for a whole reconstruction, from the forecast that the engine stored in the project."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import functools
 import math
 from pathlib import Path
 
-from ..engine.errors import HeritageError
-from ..engine.jobs import JobState
-from ..engine.project_folder import PROJECT_FILE, ProjectFolder
+from ..errors import HeritageError
+from ..project_folder import PROJECT_FILE, ProjectFolder
+from .job import JobState
 
 __all__ = ["seconds_left_in_all"]
 
@@ -30,7 +30,7 @@ def seconds_left_in_all(project: Path, state: JobState) -> float | None:
     return now + sum(expected[1:])
 
 
-# Cached, because the panel calls this at each redraw.
+# Cached, because Blender's panel calls this at each redraw, and the server for each event.
 @functools.lru_cache(maxsize=4)
 def _read(project: Path, changed: int) -> tuple[tuple[str, float], ...]:
     """Return the forecast seconds of each stage, in order; nothing when they cannot be read."""

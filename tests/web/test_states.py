@@ -1,0 +1,255 @@
+"""What the page shows in each state: empty, uploading, waiting, running, failed, server gone, signed out."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from benchmarks.serve.page import serving
+
+from .conftest import PAGE, PHOTOS, PLACES, ROOT, RUN_MS, keep_picture, new_project
+
+OpenOwn = Callable[..., Page]
+HIDDEN_TAB = """
+() => {
+  window.told = [];
+  window.Notification = class {
+    static permission = "granted";
+    constructor(title, { body }) { window.told.push(body); }
+  };
+  Object.defineProperty(document, "hidden", { get: () => true });
+}
+"""
+"""Makes the page believe that another tab is seen, and keeps the texts of its notifications."""
+
+
+class OwnServer:
+    """A server of a test's own, which can be ended and started again at the same address."""
+
+    def __init__(self, data: Path, *more: str) -> None:
+        self._data, self._more = data, more
+        self._stack = ExitStack()
+        self.address = self._stack.enter_context(serving(data, *more))
+
+    def kill(self) -> None:
+        """End it as a loss of power does."""
+        self._stack.close()
+
+    def start_again(self) -> None:
+        """Start it at the same address."""
+        port = re.sub(r"\D", "", self.address.rsplit(":", 1)[1])
+        self._stack.enter_context(serving(self._data, *self._more, f"--port={port}"))
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[OwnServer]:
+    """A new server without projects."""
+    started = OwnServer(tmp_path / "data")
+    yield started
+    started.kill()
+
+
+@pytest.fixture
+def open_own(browser: Browser) -> Iterator[OpenOwn]:
+    """Return a function that opens an address in a window of its own."""
+    contexts = []
+
+    def make(address: str, size: str = "desktop") -> Page:
+        width, height = PLACES[size]
+        context = browser.new_context(
+            viewport={"width": width, "height": height}, has_touch=size == "phone", ignore_https_errors=True
+        )
+        contexts.append(context)
+        page = context.new_page()
+        page.goto(address)
+        return page
+
+    yield make
+    for context in contexts:
+        context.close()
+
+
+def choose(page: Page, files: list[Path]) -> None:
+    """Choose files for the shown project."""
+    page.locator("input[type=file]").first.set_input_files([str(file) for file in files])
+
+
+def photo_tiles(page: Page) -> object:
+    return page.get_by_role("list", name="Photos").get_by_role("listitem")
+
+
+def grey_photos(folder: Path) -> list[Path]:
+    """Photos that can be read and show nothing, so that no cameras are found."""
+    folder.mkdir()
+    files = [folder / f"grey_{number}.jpg" for number in range(3)]
+    for number, file in enumerate(files):
+        cv2.imwrite(str(file), np.full((480, 640, 3), 100 + 20 * number, np.uint8))
+    return files
+
+
+@pytest.mark.web
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_an_empty_server_says_how_to_begin(server: OwnServer, open_own: OpenOwn, size: str) -> None:
+    page = open_own(server.address, size)
+    expect(page.get_by_text("Turn photos of museum objects into 3D.")).to_be_visible()
+    expect(page.get_by_role("heading", name="1. Take photos")).to_be_visible()
+    assert "[object" not in page.locator("body").inner_text()
+    keep_picture(page, f"state_empty_{size}")
+
+
+@pytest.mark.web
+def test_photos_of_one_name_are_all_taken(server: OwnServer, open_own: OpenOwn, tmp_path: Path) -> None:
+    """The camera of a phone calls each photo image.jpg."""
+    page = open_own(server.address)
+    new_project(page, "Phone")
+    for number, photo in enumerate(PHOTOS[:3], start=1):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        file = folder / "image.jpg"
+        file.write_bytes(photo.read_bytes())
+        choose(page, [file])
+        expect(photo_tiles(page)).to_have_count(number, timeout=20_000)  # type: ignore[arg-type]
+
+
+@pytest.mark.web
+def test_upload_is_shown_while_it_runs(server: OwnServer, open_own: OpenOwn) -> None:
+    page = open_own(server.address)
+    held = []
+    page.route(re.compile("/uploads/.+"), lambda route: held.append(route))  # never answered
+    new_project(page, "Upload")
+    choose(page, PHOTOS[:4])
+    expect(page.get_by_text("Uploading: 0 of 4 files")).to_be_visible()
+    keep_picture(page, "state_uploading")
+
+
+@pytest.mark.web
+def test_removing_a_photo_is_asked_first(server: OwnServer, open_own: OpenOwn) -> None:
+    page = open_own(server.address)
+    new_project(page, "Remove")
+    choose(page, PHOTOS[:2])
+    expect(photo_tiles(page)).to_have_count(2, timeout=20_000)  # type: ignore[arg-type]
+    page.get_by_role("button", name=f"Remove {PHOTOS[0].name}").click()
+    page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
+    expect(photo_tiles(page)).to_have_count(2)  # type: ignore[arg-type]
+    page.get_by_role("button", name=f"Remove {PHOTOS[0].name}").click()
+    page.get_by_role("dialog").get_by_role("button", name="Remove", exact=True).click()
+    expect(photo_tiles(page)).to_have_count(1)  # type: ignore[arg-type]
+
+
+@pytest.mark.web
+def test_damaged_video_is_seen_and_replaced(server: OwnServer, open_own: OpenOwn, tmp_path: Path) -> None:
+    page = open_own(server.address)
+    new_project(page, "Video")
+    video = tmp_path / "walk.mp4"
+    write_video(video)
+    whole = video.read_bytes()
+    video.write_bytes(whole[: len(whole) // 3])
+    choose(page, [video])
+    tile = photo_tiles(page).filter(has_text="walk.mp4")  # type: ignore[attr-defined]
+    expect(tile).to_contain_text("Remove it, then choose a copy that plays.", timeout=60_000)
+    keep_picture(page, "state_damaged_video")
+    page.get_by_role("button", name="Remove walk.mp4").click()
+    page.get_by_role("dialog").get_by_role("button", name="Remove", exact=True).click()
+    expect(tile).to_have_count(0)
+    video.write_bytes(whole)
+    choose(page, [video])
+    expect(tile).to_contain_text("8 photos taken from it", timeout=60_000)
+    tile.get_by_role("button", name="Take more photos").click()
+    expect(tile).to_contain_text("16 photos taken from it", timeout=60_000)
+
+
+def write_video(file: Path) -> None:
+    """A film of three seconds that moves over one of the photos."""
+    photo = cv2.imread(str(PHOTOS[0]))
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter_fourcc(*"mp4v"), 30, (320, 240))
+    for number in range(90):
+        writer.write(photo[100 : 100 + 240, number : number + 320])
+    writer.release()
+
+
+@pytest.mark.web
+def test_preset_tells_its_time_before_it_is_started(server: OwnServer, open_own: OpenOwn) -> None:
+    page = open_own(server.address)
+    new_project(page, "Times")
+    choose(page, PHOTOS)
+    expect(photo_tiles(page)).to_have_count(len(PHOTOS), timeout=60_000)  # type: ignore[arg-type]
+    for preset in ("Preview", "Standard", "Best"):
+        choice = page.locator("label.choice").filter(has=page.get_by_text(preset, exact=True))
+        expect(choice).to_contain_text(re.compile(r"Takes (about|less than)"), timeout=RUN_MS)
+    keep_picture(page, "state_ready")
+
+
+@pytest.mark.slow
+@pytest.mark.web
+def test_work_is_shown_while_it_waits_runs_and_fails(server: OwnServer, open_own: OpenOwn, tmp_path: Path) -> None:
+    running = open_own(server.address)
+    new_project(running, "Running")
+    choose(running, PHOTOS)
+    expect(photo_tiles(running)).to_have_count(len(PHOTOS), timeout=60_000)  # type: ignore[arg-type]
+    waiting = open_own(server.address)
+    waiting.evaluate(HIDDEN_TAB)
+    new_project(waiting, "Waiting")
+    choose(waiting, grey_photos(tmp_path / "grey"))
+    expect(photo_tiles(waiting)).to_have_count(3, timeout=60_000)  # type: ignore[arg-type]
+    running.get_by_role("button", name="Reconstruct", exact=True).click()
+    waiting.get_by_role("button", name="Reconstruct", exact=True).click()
+    expect(waiting.get_by_text("The server is busy with other work.")).to_be_visible()
+    keep_picture(waiting, "state_waiting")
+    waiting.get_by_role("button", name="Notify me at the end").click()
+    # The stage in words, and the time of all stages as soon as there is a forecast.
+    expect(running.locator("p.stage").first).to_contain_text("Finding out where the photos were taken", timeout=RUN_MS)
+    expect(running.get_by_text(re.compile("left in all"))).to_be_visible(timeout=RUN_MS)
+    keep_picture(running, "state_running")
+    running.get_by_role("button", name="Stop").click()
+    running.get_by_role("dialog").get_by_role("button", name="Stop").click()
+    expect(running.get_by_role("button", name="Try again")).to_be_visible(timeout=RUN_MS)
+    expect(waiting.get_by_role("heading", name="could not be finished")).to_be_visible(timeout=RUN_MS)
+    keep_picture(waiting, "state_failed")
+    told = "Reconstruct the scene: could not be finished"
+    assert waiting.evaluate("window.told") == [told]
+    assert waiting.title() == f"✓ {told}"
+
+
+@pytest.mark.web
+def test_server_that_is_gone_is_told_and_comes_back(server: OwnServer, open_own: OpenOwn) -> None:
+    page = open_own(server.address)
+    new_project(page, "Gone")
+    server.kill()
+    told = page.get_by_text("The server cannot be reached.")
+    expect(told).to_be_visible(timeout=20_000)
+    keep_picture(page, "state_gone")
+    server.start_again()
+    expect(told).to_be_hidden(timeout=20_000)
+
+
+@pytest.mark.web
+def test_nobody_is_signed_in(open_own: OpenOwn, tmp_path: Path) -> None:
+    added = [sys.executable, "-m", "engine", "serve", f"--data={tmp_path}", "--add-user=ada"]
+    said = subprocess.run(added, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    with serving(tmp_path, "--lan") as address:
+        page = open_own(address)
+        expect(page.get_by_role("heading", name="Sign in")).to_be_visible()
+        keep_picture(page, "state_signed_out")
+        page.get_by_label("Access token").fill("wrong")
+        page.get_by_role("button", name="Sign in").click()
+        expect(page.get_by_text("This token is not known.")).to_be_visible()
+        page.get_by_label("Access token").fill(max(re.findall(r"[\w-]+", said), key=len))
+        page.get_by_role("button", name="Sign in").click()
+        expect(page.get_by_role("heading", name="Projects")).to_be_visible()
+
+
+@pytest.mark.web
+def test_page_appends_by_one_function_alone() -> None:
+    """`Element.append` and `replaceChildren` write "[object ...]" for a list of elements."""
+    for file in (PAGE / "src").glob("**/*.js"):
+        calls = re.findall(r"\.(?:append|prepend|replaceChildren)\(", file.read_text())
+        assert file.name == "dom.js" or not calls, file
