@@ -233,6 +233,12 @@ def export(context: Context, kind: str) -> str:
     out = computer.home / FOLDER / f"{WORD}, Größe.{kind}"
     out.unlink(missing_ok=True)
     words = ["export", _project(computer), "--object", WORD, "--format", kind, "--out", out]
+    if kind == "usd":
+        # An engine that Blender set up has no OpenUSD, so the add-on does not offer it; the command line says why.
+        problem = str(_job(context, computer, words, "refused")["error"])
+        if "usd-core" not in problem or out.exists():
+            raise Problem(f"the missing OpenUSD is not told: {problem}")
+        return f"refused: {problem}"
     _job(context, computer, words, "finished")
     if not out.is_file() or not out.stat().st_size:
         raise Problem(f"{out.name} was not written")
