@@ -62,7 +62,7 @@ class ServeSettings:
         Streams of one browser: it has at most six connections to a server, for all its tabs. A further stream takes the
         place of the oldest.
     max_user_exports : int
-        Exports of a user that wait; one at a time is made.
+        Exports, reports and forecasts of a user that wait; one of a kind at a time is made.
     min_free_bytes : int
         Free disk space below which nothing is accepted.
     read_seconds : float

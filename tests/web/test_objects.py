@@ -19,6 +19,8 @@ from .test_page import downloaded
 OpenPage = Callable[..., Page]
 SEEN = 0.002
 """Share of the pixels that differ where something is lit, hidden or dimmed: the vase covers more of every photo."""
+LOOKS = 20
+"""Pictures that are looked at until the last movement is drawn."""
 
 
 @pytest.fixture
@@ -135,8 +137,11 @@ def test_first_view_leads_back(scene: Page, tmp_path: Path) -> None:
     scene.keyboard.press("-")
     assert changed(first, picture(scene, tmp_path)) > 0.2
     scene.get_by_role("button", name="First view").click()
-    scene.wait_for_timeout(500)
-    assert changed(first, picture(scene, tmp_path)) < SEEN
+    # A slow computer sorts the Gaussians some frames later than it moves the camera.
+    shares = [changed(first, picture(scene, tmp_path))]
+    while shares[-1] >= SEEN and len(shares) < LOOKS:
+        shares.append(changed(first, picture(scene, tmp_path)))
+    assert shares[-1] < SEEN, shares
 
 
 @pytest.mark.web

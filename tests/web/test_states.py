@@ -132,7 +132,7 @@ def test_upload_is_shown_while_it_runs(server: OwnServer, open_own: OpenOwn) -> 
 
 
 @pytest.mark.web
-def test_removing_a_photo_is_asked_first(server: OwnServer, open_own: OpenOwn) -> None:
+def test_removing_a_photo_is_asked_first_and_it_is_brought_back(server: OwnServer, open_own: OpenOwn) -> None:
     page = open_own(server.address)
     new_project(page, "Remove")
     choose(page, PHOTOS[:2])
@@ -143,6 +143,9 @@ def test_removing_a_photo_is_asked_first(server: OwnServer, open_own: OpenOwn) -
     page.get_by_role("button", name=f"Remove {PHOTOS[0].name}").click()
     page.get_by_role("dialog").get_by_role("button", name="Remove", exact=True).click()
     expect(photo_tiles(page)).to_have_count(1)  # type: ignore[arg-type]
+    page.get_by_text("Removed: 1 file").click()
+    page.get_by_role("button", name=f"Bring {PHOTOS[0].name} back").click()
+    expect(photo_tiles(page)).to_have_count(2)  # type: ignore[arg-type]
 
 
 @pytest.mark.web

@@ -103,7 +103,7 @@ function showDialog(context, views, first, object, clicks) {
     else setText(state, "Click the object once or several times. For what does not belong to it, choose “Not part of it” or hold Shift.");
   }
 
-  function put(share, shift) {
+  function setClick(share, shift) {
     const view = views[index];
     const isWanted = shift ? !wanted.checked : wanted.checked;
     clicks.push({ photo: view.photo, x: round(share[0] * view.width), y: round(share[1] * view.height), wanted: isWanted });
@@ -133,11 +133,11 @@ function showDialog(context, views, first, object, clicks) {
   target.addEventListener("click", (event) => {
     const box = image.getBoundingClientRect();
     const share = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
-    if (share.every((value) => value >= 0 && value <= 1)) put(share, event.shiftKey);
+    if (share.every((value) => value >= 0 && value <= 1)) setClick(share, event.shiftKey);
   });
   target.addEventListener("keydown", (event) => {
     const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-    if (event.key === "Enter" || event.key === " ") put(cross, event.shiftKey);
+    if (event.key === "Enter" || event.key === " ") setClick(cross, event.shiftKey);
     else if (moves[event.key]) cross = cross.map((value, axis) => Math.min(1, Math.max(0, value + STEP * moves[event.key][axis])));
     else return;
     event.preventDefault();
