@@ -13,6 +13,7 @@ __all__ = ["SERVE"]
 
 _USER = "ada"
 _PROJECT = "0123456789ab"
+_UPLOAD = "0123456789abcdef" * 2
 
 
 @functools.cache
@@ -61,6 +62,47 @@ def _read_project(folder: Path) -> object:
     return project.title, project.created, project.known_hashes()
 
 
+def _write_derived(folder: Path) -> None:
+    from engine.files import write_json
+    from engine.serve import ServeSettings
+    from engine.serve.forecasts import _file
+    from engine.serve.library import WebProject
+    from engine.serve.reports import _STAMP
+
+    _write_project(folder)
+    project = WebProject(folder / "users" / _USER / "projects" / _PROJECT)
+    project.cache.mkdir()
+    # Its name depends on the photos and the settings.
+    write_json(_file(project, ServeSettings(folder)), {"seconds": {"preview": [1.0, 2.0, 3.0]}})
+    write_json(project.cache / _STAMP, {"made_from": "0123"})
+
+
+def _read_derived(folder: Path) -> object:
+    from engine.serve import ServeSettings
+    from engine.serve.forecasts import kept_forecast
+    from engine.serve.library import WebProject
+    from engine.serve.reports import _stored_key
+
+    project = WebProject(folder / "users" / _USER / "projects" / _PROJECT)
+    return kept_forecast(project, ServeSettings(folder)), _stored_key(project)
+
+
+def _write_upload(folder: Path) -> None:
+    from engine.files import write_json
+
+    uploads = folder / _USER / "uploads"
+    uploads.mkdir(parents=True)
+    (uploads / _UPLOAD).write_bytes(b"half")
+    known = {"project": _PROJECT, "filename": "a.jpg", "size": 8, "sha256": "00"}
+    write_json(uploads / f"{_UPLOAD}.json", known)
+
+
+def _read_upload(folder: Path) -> object:
+    from engine.serve.unfinished import _stored
+
+    return _stored(folder / _USER / "uploads" / f"{_UPLOAD}.json")
+
+
 def _write_shipped(folder: Path) -> None:
     (folder / "photos").mkdir(parents=True)
     (folder / "photos" / "a.jpg").write_bytes(b"photo")
@@ -77,6 +119,13 @@ def _read_shipped(folder: Path) -> object:
 
 
 SERVE = (
+    Reader("server-upload", _write_upload, _read_upload, (f"{_USER}/uploads/{_UPLOAD}.json",)),
+    Reader(
+        "server-derived",
+        _write_derived,
+        _read_derived,
+        (f"users/{_USER}/projects/{_PROJECT}/cache/report.json",),
+    ),
     Reader("batch-shipping", _write_shipped, _read_shipped, ("photos/a.jpg", "project/project.json")),
     Reader("server-users", _write_data, _read_accounts, ("users.json", "secret.bin")),
     Reader("server-certificate", _write_data, _read_certificate, ("certificate.pem",)),
