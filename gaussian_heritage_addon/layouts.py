@@ -1,11 +1,10 @@
-"""Drawing functions shared by several panels."""
+"""The state of a job in a panel: its progress, preview image and training curve, or its result."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
-import blf
 import bpy
 from bpy.app.translations import pgettext_n
 
@@ -13,19 +12,10 @@ from ..engine.jobs import Job, JobState, format_seconds, seconds_left_in_all
 from .curve import Point
 from .pictures import curve_icon, picture_icon
 from .planned_device import planned_device
-from .problems import plain_text
-from .text_lines import lines_of
+from .drawn_text import draw_text
 from .translations import translated
 
-__all__ = ["draw_curve", "draw_job", "draw_text"]
-
-_MARGIN, _BOX_MARGIN, _ICON_WIDTH, _LEAST_WIDTH = 40, 16, 20, 100
-"""Widths in pixels at the default interface scale: of both margins of a panel with its tabs, of those of a box, of
-an icon, and of the narrowest line."""
-_DEFAULT_LINE_LENGTH = 60
-"""Characters per line where the width of the region is not known."""
-_MAX_LENGTH = 2000
-"""Characters of a text that are drawn: a project from someone else may hold any text."""
+__all__ = ["draw_curve", "draw_job"]
 
 _METRICS = {
     "registered_photos": pgettext_n("Photos with a camera: {:.0f}"),
@@ -35,42 +25,6 @@ _METRICS = {
     "psnr": pgettext_n("PSNR of photos not trained on: {:.1f} dB"),
 }
 """Metrics that are shown. The others are for programs."""
-
-
-def draw_text(
-    layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line_length: int | None = None, n_boxes: int = 0
-) -> None:
-    """Draw `text` in lines that fit: labels do not wrap.
-
-    Parameters
-    ----------
-    layout : UILayout
-    text : str
-    icon : str
-        Before the first line.
-    line_length : int, optional
-        Characters of a line, for a dialog; by default, lines fit the region.
-    n_boxes : int
-        Boxes around `layout`, whose margins make lines shorter.
-    """
-    region = bpy.context.region
-    shown = translated(plain_text(text)[:_MAX_LENGTH])
-    if line_length is not None or region is None:
-        lines = lines_of(shown, line_length or _DEFAULT_LINE_LENGTH, len)
-    else:
-        margins = _MARGIN + _BOX_MARGIN * n_boxes + (_ICON_WIDTH if icon != "NONE" else 0)
-        width = region.width / bpy.context.preferences.system.ui_scale - margins
-        lines = lines_of(shown, max(width, _LEAST_WIDTH), _width_of)
-    column = layout.column(align=True)
-    for number, line in enumerate(lines):
-        column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
-
-
-def _width_of(text: str) -> float:
-    """Return the width of a label in pixels at Blender's default interface scale."""
-    blf.size(0, bpy.context.preferences.ui_styles[0].widget.points)
-    width: float = blf.dimensions(0, text)[0]
-    return width
 
 
 def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool = True) -> None:
