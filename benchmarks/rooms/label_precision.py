@@ -14,8 +14,8 @@ from unittest import mock
 
 import numpy as np
 
-from engine.core import processor
 from engine.core.events import ignore_events, never_stop
+from engine.install.models import processor
 from engine.masks import load_default_sam
 from engine.objects.grounding import load_default_detector
 from engine.project.folder import ProjectFolder

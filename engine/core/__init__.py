@@ -1,1 +1,1 @@
-"""Small modules that every part of the engine uses: errors, events, files, the system, words. They use no other part."""
+"""What every part of the engine uses: errors, events, files, the system, words. It uses no other part."""

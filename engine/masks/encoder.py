@@ -111,7 +111,7 @@ class PhotoEncoder:
         """The same network in bfloat16; None where that is no faster, and for files of another structure."""
         if self.on_card or self.takes_photo:
             return None
-        from ..core.processor import multiplies_bfloat16  # torch takes a second to import
+        from ..install.models import multiplies_bfloat16  # torch takes a second to import
         from .torch_encoder import TorchEncoder
 
         if not multiplies_bfloat16():

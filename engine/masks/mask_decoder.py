@@ -132,7 +132,7 @@ class MaskDecoder:
     @functools.cached_property
     def _bfloat16(self) -> TorchDecoder | None:
         """The network of `_torch` in bfloat16, for what may be approximated; None where that is no faster."""
-        from ..core.processor import multiplies_bfloat16
+        from ..install.models import multiplies_bfloat16
         from .torch_decoder import TorchDecoder
 
         return TorchDecoder(read_onnx_weights(self._path), bfloat16=True) if multiplies_bfloat16() else None

@@ -56,8 +56,8 @@ class Segmenter:
     """Isolates, corrects and stores the objects of a trained project, which is open for writing.
 
     The factories are called when their model is first needed; for `emit` and `should_stop` see `engine.core.events`.
-    The views are rendered, and the votes counted, on `device`. All methods raise `HeritageError` when a part of the project
-    is missing or damaged, and `Cancelled`, with nothing stored, when `should_stop` returns True.
+    The views are rendered, and the votes counted, on `device`. All methods raise `HeritageError` when a part of the
+    project is missing or damaged, and `Cancelled`, with nothing stored, when `should_stop` returns True.
     """
 
     project: ProjectFolder

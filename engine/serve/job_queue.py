@@ -1,8 +1,8 @@
 """Runs the engine for all users, as processes that outlive the server: one job after the other, or on a cluster.
 
 A waiting job is a file; a running or ended one is a folder of its project, see `engine.workers.jobs`. The thread of the
-queue polls the running jobs. After a restart of the server they are found again and the waiting ones follow. With a Dask
-cluster, the process is ``remote``, which has the work done on a worker; Dask decides when and where.
+queue polls the running jobs. After a restart of the server they are found again and the waiting ones follow. With a
+Dask cluster, the process is ``remote``, which has the work done on a worker; Dask decides when and where.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import torch
 
 from ..core.errors import Cancelled, DiskError
 from ..core.events import Emit, Metric, Preview, Progress, StopCheck, Warned
-from ..core.processor import one_thread
+from ..install.models import one_thread
 from ..rasterizer import AdamState, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint

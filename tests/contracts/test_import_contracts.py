@@ -24,17 +24,18 @@ NAMES = {
 
 # contract, the file that is planted, its line
 PLANTED = [
-    ("layers-of-the-extension", "engine/photos/planted.py", "from ...operators import register"),
-    ("layers-of-the-extension", "engine/planted.py", "from ..gaussian_heritage_addon import register"),
-    ("layers-of-the-extension", "gaussian_heritage_addon/planted.py", "from ..operators import register"),
+    ("parts-in-order", "engine/photos/planted.py", "from ...operators import register"),
+    ("parts-in-order", "engine/core/planted.py", "from ...gaussian_heritage_addon import register"),
+    ("parts-in-order", "gaussian_heritage_addon/planted.py", "from ..operators import register"),
+    ("parts-in-order", "engine/photos/planted.py", "from ..delivery.report import build"),
+    ("parts-in-order", "engine/rasterizer/planted.py", "def late():\n    from ..training import train"),
+    ("parts-in-order", "engine/training/planted.py", "from ..quality.stability import measure"),
+    ("parts-in-order", "engine/install/models/planted.py", "from ...masks import sam"),
+    ("add-on-in-order", "gaussian_heritage_addon/splats/planted.py", "from ..project import scene_file"),
     ("engine-without-blender", "engine/formats/planted.py", "import bpy"),
     ("blender-stays-light", "gaussian_heritage_addon/planted.py", "import cv2"),
     ("blender-stays-light", "operators/planted.py", "from ..engine.rasterizer import cpu"),
-    ("shared-modules-stay-light", "engine/formats/planted.py", "import scipy.spatial"),
-    ("packages-in-order", "engine/photos/planted.py", "from ..report import build"),
-    ("packages-in-order", "engine/rasterizer/planted.py", "def late():\n    from ..training import train"),
-    ("packages-in-order", "engine/training/planted.py", "from ..stability import measure"),
-    ("shared-packages", "engine/install/models/planted.py", "from ..masks import sam"),
+    ("blender-stays-light", "engine/formats/planted.py", "import scipy.spatial"),
     ("numba-in-rasterizer", "engine/masks/planted.py", "import numba"),
     ("web-in-serve", "engine/delivery/report/planted.py", "import fastapi"),
     ("rocrate-in-packages", "engine/delivery/report/planted.py", "import rocrate"),
@@ -44,12 +45,10 @@ PLANTED = [
     ("torch-where-gradients-are", "engine/cameras/planted.py", "from torch import nn"),
     ("relative-imports", "engine/delivery/report/planted.py", "from engine.core.errors import HeritageError"),
     ("relative-imports", "gaussian_heritage_addon/planted.py", "import engine.core.events"),
-    ("public-faces", "engine/delivery/report/planted.py", "from ..cameras.sfm import estimate_cameras"),
+    ("public-faces", "engine/delivery/report/planted.py", "from ...cameras.sfm import estimate_cameras"),
+    ("public-faces", "engine/delivery/report/planted.py", "from ..records.lido import lido_xml"),
     ("public-faces", "gaussian_heritage_addon/planted.py", "from ..engine.scene.camera import Camera"),
 ]
-
-# Modules of the engine beside the packages: entry points and small tools.
-BESIDE_THE_PACKAGES = {"__main__", "doctor", "terminal"}
 
 
 def test_the_repository_keeps_its_contracts(tmp_path: Path) -> None:
@@ -63,13 +62,16 @@ def test_every_contract_has_a_planted_violation() -> None:
     assert {contract for contract, _, _ in PLANTED} | {"no-circles"} == set(NAMES)
 
 
-def test_every_package_of_the_engine_is_in_a_contract() -> None:
-    layers = CONTRACTS["importlinter:contract:packages-in-order"]["layers"]
-    side = CONTRACTS["importlinter:contract:shared-packages"]["source_modules"]
-    named = {line.strip().rpartition(".")[2] for line in f"{layers}\n{side}".splitlines() if line.strip()}
-    there = {path.stem for path in (ROOT / "engine").glob("*.py")} - {"__init__"}
-    there |= {path.parent.name for path in (ROOT / "engine").glob("*/__init__.py")}
-    assert there - BESIDE_THE_PACKAGES == named
+def test_every_part_of_the_engine_has_its_place_in_the_order() -> None:
+    layers = CONTRACTS["importlinter:contract:parts-in-order"]["layers"].split()
+    there = {f"gaussian_heritage.engine.{path.parent.name}" for path in (ROOT / "engine").glob("*/__init__.py")}
+    assert there == {layer for layer in layers if layer.startswith("gaussian_heritage.engine.")}
+    folders = {path.parent.name for path in (ROOT / "gaussian_heritage_addon").glob("*/__init__.py")}
+    assert folders == set(CONTRACTS["importlinter:contract:add-on-in-order"]["layers"].split())
+
+
+def test_only_parts_stand_in_the_engines_folder() -> None:
+    assert {path.name for path in (ROOT / "engine").glob("*.py")} == {"__init__.py", "__main__.py"}
 
 
 def test_package_without_init_is_not_overlooked() -> None:

@@ -8,7 +8,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = sorted(path.parent.name for path in (ROOT / "engine").glob("*/__init__.py"))
+PACKAGES = sorted(
+    ".".join(path.parent.relative_to(ROOT).parts[1:])
+    for pattern in ("*/__init__.py", "*/*/__init__.py")
+    for path in (ROOT / "engine").glob(pattern)
+    if "__all__" in path.read_text(encoding="utf-8")
+)
 
 
 @pytest.mark.parametrize("name", PACKAGES)
@@ -24,6 +29,6 @@ def test_every_public_name_can_be_imported(name: str) -> None:
 def test_no_public_name_is_that_of_a_module(name: str) -> None:
     """``from ..training import train`` would give the module ``train`` once anybody had imported it."""
     package = importlib.import_module(f"engine.{name}")
-    modules = {path.stem for path in (ROOT / "engine" / name).glob("*.py")}
-    modules |= {path.parent.name for path in (ROOT / "engine" / name).glob("*/__init__.py")}
+    modules = {path.stem for path in (ROOT / "engine" / name.replace(".", "/")).glob("*.py")}
+    modules |= {path.parent.name for path in (ROOT / "engine" / name.replace(".", "/")).glob("*/__init__.py")}
     assert set(package.__all__) & modules == set()

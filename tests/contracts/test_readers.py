@@ -1,4 +1,4 @@
-"""Files are read and deleted in engine/core/files only, where size, type and shape are checked before anything is used."""
+"""Files are read and deleted in engine/core/files only, where size, type and shape are checked before use."""
 
 from __future__ import annotations
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
+
 from . import (
     batch,
-    bench,
     doctor,
     edit,
-    evaluate,
     export,
     frames,
     measure,
@@ -21,7 +21,6 @@ from . import (
     segment,
     serve,
     show_clicks,
-    stability,
     trash,
     turntable,
     verify,
@@ -45,12 +44,15 @@ COMMANDS = (
     turntable,
     render,
     report,
-    evaluate,
-    bench,
     models,
     doctor,
-    stability,
     serve,
     batch,
     remote,
 )
+
+# Commands that measure the engine; the extension's zip goes without what they need.
+if importlib.util.find_spec("...quality", __package__) is not None:
+    from . import bench, evaluate, stability
+
+    COMMANDS = (*COMMANDS, evaluate, bench, stability)

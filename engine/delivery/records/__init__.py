@@ -1,7 +1,8 @@
 """The records that leave with an object.
 
-From an object's own record, the museum record that a curator enters, and what the stages recorded, `describe_scene` and `describe_object` gather the paradata, of which every other form is made:
-Dublin Core, LIDO, JSON-LD (CRMdig), a IIIF manifest, comments of PLY and metadata of glTF.
+From an object's own record, the museum record that a curator enters, and what the stages recorded, `describe_scene` and
+`describe_object` gather the paradata, of which every other form is made: Dublin Core, LIDO, JSON-LD (CRMdig), a IIIF
+manifest, comments of PLY and metadata of glTF.
 
 Standard library and NumPy only: Blender exports files too.
 """

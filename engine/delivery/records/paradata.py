@@ -13,8 +13,7 @@ from ...core.errors import FormatError
 from ...core.files import Schema, check, object_file, optional, path_within
 from ...install.models.catalogue import CATALOGUE, GROUPS
 from ...project.folder import PROJECT_FILE, SCENE_OUTPUT, ProjectFolder
-from ...project.objects.museum_record import load_record
-from ...project.objects.object_record import RECORD_FILE, ObjectRecord, read_record, recorded_files
+from ...project.objects import RECORD_FILE, ObjectRecord, load_record, read_record, recorded_files
 from ...project.provenance import describe_run
 from ...scene import read_camera_set, read_photo_set
 from .unit import describe_unit

@@ -1,4 +1,5 @@
-"""Weight files of the models: their catalogue, the folder they are stored in, and how to fetch and open them."""
+"""Weight files of the models: their catalogue, the folder they are stored in, how to fetch and open them, and how
+torch uses the processor."""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from .onnx_session import gpu_provider_is_installed, open_gpu_session, open_session
     from .onnx_weights import read_onnx_weights
     from .packages import folder_contains
+    from .processor import multiplies_bfloat16, one_thread
 
 __all__ = [
     "CATALOGUE",
@@ -24,6 +26,8 @@ __all__ = [
     "gpu_provider_is_installed",
     "locate",
     "models_folder",
+    "multiplies_bfloat16",
+    "one_thread",
     "open_gpu_session",
     "open_session",
     "read_onnx_weights",

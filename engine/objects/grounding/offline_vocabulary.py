@@ -20,8 +20,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import PromptError
-from ...core.processor import multiplies_bfloat16
-from ...install.models import locate, models_folder
+from ...install.models import locate, models_folder, multiplies_bfloat16
 from ...masks import mask_box
 from .detector import Detection, PromptCheck
 from .efficientnet import INPUT_SIDE, N_FEATURES, EfficientNetLite2

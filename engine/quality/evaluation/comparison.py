@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import Cancelled, MaskError
 from ...core.events import StopCheck
-from ...masks.mask_metrics import boundary_iou, halo, holes, iou, stray
+from ...masks import boundary_iou, halo, holes, iou, stray
 from ...photos import load_pixels
 from ...pictures import Scene, render_view, visible_masks
 from ...scene import Camera

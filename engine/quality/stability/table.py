@@ -10,7 +10,7 @@ from pathlib import Path
 from ...core.errors import Cancelled, SettingsError
 from ...core.events import Emit, Progress, StopCheck
 from ...core.files import atomic_write
-from ...core.processor import one_thread
+from ...install.models import one_thread
 from .bounds import BOUNDS, DEFAULT, bounds_of
 from .cases import CASES, Case
 from .measure import Finding
@@ -107,8 +107,8 @@ def _errors_markdown(rows: Sequence[Row]) -> str:
         "A flip is a pixel that is within 1e-5 of a threshold in float64 and decides it differently in float32; "
         "`flips` counts them and, after the slash, all pixels so near to a threshold. `gradient` is |error| / "
         "|gradient| (norms of rows) of the worst Gaussian, with the name of the array and the condition number "
-        "(`engine/quality/stability/condition.py`). Cases marked * have a bound that is not the default, with the reason "
-        "below the table.",
+        "(`engine/quality/stability/condition.py`). Cases marked * have a bound that is not the default, with the "
+        "reason below the table.",
         "",
         "| " + " | ".join(_HEAD) + " |",
         "|" + " --- |" * len(_HEAD),

@@ -12,8 +12,8 @@ import pytest
 from engine.cli import doctor
 from engine.cli.doctor import examine
 from engine.cli.main import main
-from engine.core import processor
 from engine.core.child_process import ChildFailure, run_in_child
+from engine.install.models import processor
 
 
 def test_set_up_machine_has_all_that_is_required() -> None:

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from engine.core import processor
-from engine.install.models import open_session, read_onnx_weights
+from engine.install.models import open_session, processor, read_onnx_weights
 from engine.masks import encoder
 from engine.masks.encoder import PhotoEncoder, describe_encoding
 from engine.masks.sam import SegmentAnything

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.core import processor
-from engine.install.models import read_onnx_weights
+from engine.install.models import processor, read_onnx_weights
 from engine.masks import mask_iou
 from engine.masks.generator import stability_score
 from engine.masks.mask_decoder import MaskDecoder
