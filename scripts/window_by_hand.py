@@ -63,7 +63,7 @@ for area in first.screen.areas:
 def edit_by_hand(window: Window) -> None:
     """Select the object by a click in the view, take a part of it by a box, undo, take it again, and store it."""
     (x, y), height = frame_object(window)
-    edits = f"__import__('{PACKAGE}.gaussian_heritage_addon.hand_edits', fromlist=['x'])"
+    edits = f"__import__('{PACKAGE}.gaussian_heritage_addon.project.hand_edits', fromlist=['x'])"
     window.python("bpy.context.scene.heritage.active = -1")
     invoke(window, "pick_object", action="SELECT")
     window.click(x, y)
@@ -88,7 +88,7 @@ def edit_by_hand(window: Window) -> None:
     time.sleep(5)
     after = int(window.python(f"print({count})"))
     window.python("bpy.ops.heritage.store_edits()")
-    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()"
+    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
     window.wait_for(f"'edit' in {state}[0].command and not {state}[1].running", 120)
     window.wait_for(f"not {obj}.heritage.is_edited", 30)
     window.check("the edit is stored in the project", f"{state}[1].finished and {count} == {after} < {before}")
@@ -98,7 +98,7 @@ def _two_ends(window: Window) -> list[tuple[float, float]]:
     """Return positions on the screen, near the bottom and the top of the framed object, where a surface is seen."""
     answer = window.python(f"""
 import importlib
-visible = importlib.import_module({PACKAGE + ".gaussian_heritage_addon.visible_splats"!r})
+visible = importlib.import_module({PACKAGE + ".gaussian_heritage_addon.project.visible_splats"!r})
 sight, splats = visible.sight_of_viewport(region, view), visible.SplatsInView.of(bpy.context.scene)
 order = np.round(seen[np.argsort(seen[:, 1])])
 for places in (order, order[::-1]):
@@ -134,7 +134,7 @@ def measure_scene(window: Window) -> None:
     for end in ends:
         window.click(*end)
     time.sleep(3)
-    measuring = f"__import__('{PACKAGE}.gaussian_heritage_addon.measuring', fromlist=['x'])"
+    measuring = f"__import__('{PACKAGE}.gaussian_heritage_addon.project.measuring', fromlist=['x'])"
     # The view may have moved by a few pixels, and so may the ends.
     window.check(
         "the ruler shows the known distance", f"abs({measuring}.rulers(bpy.context.scene)[-1][1] - 0.3) < 0.06"

@@ -44,7 +44,7 @@ COMPARED_SIDE, MIN_LIKENESS = 320, 40.0
 """Longest side in pixels, and least PSNR in dB, of what the viewports draw beside the picture of the engine.
 
 Seen were 47 to 50 dB on other scenes; half precision and 8 bits explain the rest."""
-VIEW = f"__import__('{PACKAGE}.gaussian_heritage_addon.splat_view', fromlist=['x'])"
+VIEW = f"__import__('{PACKAGE}.gaussian_heritage_addon.splats.splat_view', fromlist=['x'])"
 PICTURE = f"next(iter({VIEW}._state.pictures.values())).offscreen"
 COVER = f"__import__('numpy').array({PICTURE}.texture_color.read().to_list())[..., 3].mean()"
 """The picture of the splats, and the share of it that they cover."""
@@ -227,10 +227,10 @@ for area in bpy.context.window_manager.windows[0].screen.areas:
     window.shot("licences")
     begin = time.monotonic()
     window.run("key", "Return")
-    window.wait_for(f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()", 120)
+    window.wait_for(f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()", 120)
     time.sleep(8)
     window.shot("setting_up")
-    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()[1]"
+    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()[1]"
     window.wait_for(f"not {state}.running", 600)
     window.check("the engine is ready", f"{state}.finished")
     return time.monotonic() - begin
@@ -253,7 +253,7 @@ for window in bpy.context.window_manager.windows:
     window.click(right - 75, bottom - 24)
     time.sleep(25)
     window.shot("progress")
-    job = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()"
+    job = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
     window.wait_for(f"{job}[0].kind == 'reconstruct' and not {job}[1].running", 1200)
     window.check("the scene was reconstructed", f"{job}[1].finished")
     time.sleep(5)
@@ -343,7 +343,7 @@ for area in bpy.context.window_manager.windows[0].screen.areas:
     window.click(left + (ui_left - left) / 2, top + height * 0.55)
     time.sleep(5)
     window.run("key", "Return")
-    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()"
+    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
     window.wait_for(f"{state}[0].kind == 'segment' and not {state}[1].running", 300)
     window.check("the click isolated an object", f"{state}[1].finished")
     window.wait_for(f"len(bpy.data.objects) > {before}", 60)
@@ -380,7 +380,7 @@ bpy.ops.heritage.find_objects()
     window.run("crash")
     window.start("again")
     window.python(f"bpy.ops.wm.open_mainfile(filepath={str(window.work / 'museum.blend')!r})")
-    module = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x'])"
+    module = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x'])"
     window.wait_for(f"{module}.current() is not None", 30)
     window.check("the job is found after a crash", f"{module}.current()[0].of_earlier_session")
     window.wait_for(f"not {module}.current()[1].running", 600)

@@ -9,11 +9,11 @@ import pytest
 
 from .conftest import PACKAGE
 
-region_selection = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.region_selection")
-floaters = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.floaters")
-sight = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.sight")
+region_selection = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.splats.region_selection")
+floaters = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.splats.floaters")
+sight = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.splats.sight")
 scene = importlib.import_module(f"{PACKAGE}.engine.scene")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+errors = importlib.import_module(f"{PACKAGE}.engine.core.errors")
 
 
 def gaussians_at(means: np.ndarray, opacities: np.ndarray | None = None, scale: float = 0.05) -> object:

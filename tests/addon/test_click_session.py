@@ -7,7 +7,7 @@ from typing import Any
 
 from .conftest import PACKAGE
 
-click_session = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.click_session")
+click_session = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.jobs.click_session")
 Click, EventResult = click_session.Click, click_session.EventResult
 
 

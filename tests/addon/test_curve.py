@@ -11,7 +11,7 @@ import pytest
 
 from .conftest import PACKAGE
 
-curve = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.curve")
+curve = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.project.curve")
 MEASURED = [(0.8, 20.9), (3.0, 23.0), (12.0, 25.5), (50.0, 27.6), (195.0, 28.7)]
 
 

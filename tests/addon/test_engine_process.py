@@ -11,9 +11,9 @@ import pytest
 
 from .conftest import PACKAGE
 
-process = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.engine_process")
-installation = importlib.import_module(f"{PACKAGE}.engine.installation")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+process = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.setup.engine_process")
+installation = importlib.import_module(f"{PACKAGE}.engine.install.environment")
+errors = importlib.import_module(f"{PACKAGE}.engine.core.errors")
 EXECUTABLE = "Scripts/python.exe" if os.name == "nt" else "bin/python"
 
 

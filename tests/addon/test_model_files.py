@@ -9,9 +9,9 @@ import pytest
 
 from .conftest import PACKAGE
 
-model_files = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.model_files")
-catalogue = importlib.import_module(f"{PACKAGE}.engine.models.catalogue")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+model_files = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.setup.model_files")
+catalogue = importlib.import_module(f"{PACKAGE}.engine.install.models.catalogue")
+errors = importlib.import_module(f"{PACKAGE}.engine.core.errors")
 
 
 def test_every_file_of_the_catalogue_is_shown_with_licence_and_users() -> None:

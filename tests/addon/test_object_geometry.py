@@ -9,7 +9,7 @@ import pytest
 
 from .conftest import PACKAGE
 
-geometry = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.object_geometry")
+geometry = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.project.object_geometry")
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from engine.scene.camera import Camera, PinholeCamera
 
 from .conftest import PACKAGE
 
-photo_frame = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.photo_frame")
+photo_frame = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.project.photo_frame")
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

@@ -12,8 +12,8 @@ from engine.scene.camera import Camera
 
 from .conftest import PACKAGE
 
-picking = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.picking")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+picking = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.project.picking")
+errors = importlib.import_module(f"{PACKAGE}.engine.core.errors")
 
 
 def pose() -> np.ndarray:

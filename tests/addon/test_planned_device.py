@@ -10,7 +10,7 @@ import pytest
 
 from .conftest import PACKAGE
 
-planned_device = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.planned_device").planned_device
+planned_device = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.project.planned_device").planned_device
 
 
 def write_plan(project: Path, plan: object) -> None:

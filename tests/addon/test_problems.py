@@ -11,8 +11,8 @@ import pytest
 
 from .conftest import PACKAGE
 
-problems = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.problems")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+problems = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.blender.problems")
+errors = importlib.import_module(f"{PACKAGE}.engine.core.errors")
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ import pytest
 from .conftest import PACKAGE
 from .test_picking import CAMERA, view_of
 
-sight = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.sight")
+sight = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.splats.sight")
 scene = importlib.import_module(f"{PACKAGE}.engine.scene")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+errors = importlib.import_module(f"{PACKAGE}.engine.core.errors")
 
 
 def ball(center: tuple[float, float, float], opacity: float = 0.98) -> object:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gaussian_heritage_without_blender.gaussian_heritage_addon.splat_order import (  # type: ignore[import-not-found]
+from gaussian_heritage_without_blender.gaussian_heritage_addon.splats.splat_order import (  # type: ignore[import-not-found]
     View,
     draw_order,
     mean_areas,

@@ -9,7 +9,7 @@ import pytest
 
 from .conftest import PACKAGE
 
-StateHistory = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.state_history").StateHistory
+StateHistory = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.project.state_history").StateHistory
 VASE = ("project", "vase", "state")
 
 

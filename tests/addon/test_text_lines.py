@@ -8,7 +8,7 @@ import pytest
 
 from .conftest import PACKAGE
 
-lines_of = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.text_lines").lines_of
+lines_of = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.blender.text_lines").lines_of
 
 
 def test_words_stay_whole_and_lines_fit() -> None:

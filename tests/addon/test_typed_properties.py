@@ -7,7 +7,7 @@ from typing import Annotated
 
 from .conftest import PACKAGE
 
-typed_properties = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.typed_properties")
+typed_properties = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.blender.typed_properties")
 
 
 def string_property(**options: object) -> tuple[str, dict[str, object]]:

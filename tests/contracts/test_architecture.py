@@ -34,11 +34,10 @@ def _name(node: str) -> str:
 
 def files_of(name: str) -> list[Path]:
     if name == "addon":
-        return sorted((ROOT / "gaussian_heritage_addon").glob("*.py"))
+        return sorted((ROOT / "gaussian_heritage_addon").rglob("*.py"))
     if name == "operators":
         return sorted((ROOT / "operators").glob("*.py"))
-    module = ROOT / "engine" / f"{name}.py"
-    return [module] if module.exists() else sorted((ROOT / "engine" / name).rglob("*.py"))
+    return sorted((ROOT / "engine" / name).rglob("*.py"))
 
 
 def imported_by(name: str) -> set[str]:
@@ -65,15 +64,33 @@ def test_every_arrow_is_true(start: str, kind: str, end: str) -> None:
     if kind == "uses":
         assert end in imported_by(start)
     elif kind == "data":
-        assert start in imported_by(end) or {start, end} <= imported_by("stages")
+        assert start in imported_by(end) or {start, end} <= imported_by("pipeline")
         assert end not in imported_by(start), "data flows one way"
     else:
         assert end not in imported_by(start), "another process is not imported"
 
 
+@pytest.mark.parametrize("folder", ["engine", "gaussian_heritage_addon"])
+def test_tables_name_every_folder_in_the_order_of_imports(folder: str) -> None:
+    table = PAGE.partition(f"| folder of `{folder}` | what it holds |")[2].partition("\n\n")[0]
+    named = [
+        name
+        for row in table.splitlines()
+        if row.startswith("| `")
+        for name in re.findall(r"`(\w+)`", row.split("|")[1])
+    ]
+    contract = {"engine": "parts-in-order", "gaussian_heritage_addon": "add-on-in-order"}[folder]
+    contracts = (ROOT / ".importlinter").read_text(encoding="utf-8")
+    order = contracts.partition(f"[importlinter:contract:{contract}]")[2].partition("\n\n")[0]
+    places = [re.search(rf"^\s+(gaussian_heritage\.engine\.)?{name}$", order, re.MULTILINE) for name in named]
+    assert all(places) and {path.parent.name for path in (ROOT / folder).glob("*/__init__.py")} == set(named)
+    starts = [place.start() for place in places if place]
+    assert starts == sorted(starts)
+
+
 def test_every_kind_of_arrow_is_read() -> None:
     kinds = [kind for _, kind, _ in arrows()]
-    assert (kinds.count("process"), kinds.count("data")) == (1, 6)
+    assert (kinds.count("process"), kinds.count("data")) == (1, 5)
     assert kinds.count("uses") == len(re.findall(r"-->|&", PICTURE)) > 15
 
 

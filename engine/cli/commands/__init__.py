@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from types import ModuleType
 
 from . import (
     batch,
@@ -29,7 +30,7 @@ from .deprecated import warn_of_deprecated_options
 
 __all__ = ["COMMANDS", "warn_of_deprecated_options"]
 
-COMMANDS = (
+COMMANDS: tuple[ModuleType, ...] = (
     plan,
     frames,
     reconstruct,

@@ -15,7 +15,7 @@ MakeFolders = Callable[..., list[Path]]
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
     """A scheduler; a test starts the workers."""
-    made = Cluster(tmp_path / "cluster", preload="tests.engine.batch.quick_engine")
+    made = Cluster(tmp_path / "cluster", preload="tests.engine.workers.batch.quick_engine")
     made.start_scheduler()
     yield made
     made.stop()
