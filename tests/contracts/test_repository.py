@@ -34,6 +34,8 @@ def test_module_says_what_it_is_and_imports_relatively(module: Path) -> None:
 def test_every_package_lists_its_public_names(package: str) -> None:
     for file in (ROOT / package).rglob("__init__.py"):
         tree = ast.parse(file.read_text(encoding="utf-8"))
+        if len(tree.body) == 1:
+            continue  # A folder that only groups others has a docstring alone.
         names = {
             target.id
             for node in tree.body
