@@ -1,9 +1,8 @@
 """An engine whose stages take no time, for the faults of a batch: real projects, locks, keys and events.
 
-A worker uses it when it is started with ``--preload tests.engine.workers.batch.quick_engine``. Files in the photo folder
-say what goes wrong: ``fail_STAGE`` holds a sentence, ``sleep_STAGE`` seconds, ``hold_STAGE`` lasts until it is
-deleted;
-each stage that is computed adds a line to ``computed``, which no batch reads.
+A worker uses it when it is started with ``--preload tests.engine.workers.batch.quick_engine``. Files in the photo
+folder say what goes wrong: ``fail_STAGE`` holds a sentence, ``sleep_STAGE`` seconds, ``hold_STAGE`` lasts until it is
+deleted; each stage that is computed adds a line to ``computed``, which no batch reads.
 """
 
 from __future__ import annotations
