@@ -1,4 +1,4 @@
-"""What is stored of an object, and the records that leave with it.
+"""Stored records of objects, and the records that leave with them.
 
 An object's own record and the museum record that a curator enters are files of the project. From these and from what
 the stages recorded, `describe_scene` and `describe_object` gather the paradata, of which every other form is made:
