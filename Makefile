@@ -156,8 +156,8 @@ stability: ## float32 against float64 in stiff and extreme cases; writes docs/st
 fuzz: setup ## damaged inputs to every reader for FUZZ_S seconds, on Linux; writes docs/security_fuzz.md
 	$(ENGINE) -m benchmarks.security.fuzz --seconds $(FUZZ_S) --out docs/security_fuzz.md
 
-mixtures: setup ## 300 mixed photo folders with a known truth, into docs/photos.md; 7 CPU minutes
-	$(ENGINE) -m benchmarks.mixtures --doc docs/photos.md
+mixtures: setup ## 300 mixed photo folders with a known truth, into docs/mixtures.md; 7 CPU minutes
+	$(ENGINE) -m benchmarks.mixtures --doc docs/mixtures.md
 
 clean: ## remove results and caches, keep the environments
 	rm -rf out dist build *.egg-info .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

@@ -8,27 +8,41 @@ from __future__ import annotations
 import argparse
 import logging
 import tempfile
+import textwrap
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..documents import put_into
-from .cases import REFUSED, RIGHT, WRONG, Outcome, run_case
+from .cases import REPORTED, RIGHT, WRONG, Outcome, run_case
 
 __all__ = ["main", "table_of"]
 
+_WIDTH = 140
+"""Longest line of the document, in characters."""
+
 
 def table_of(outcomes: Sequence[Outcome]) -> str:
-    """Return the table of outcomes by kind, and the seeds of silently wrong cases."""
-    lines = ["| kind in the mixture | cases | right | told | silently wrong |"]
-    lines.append("| --- | --- | --- | --- | --- |")
-    kinds = sorted({kind for outcome in outcomes for kind in outcome.kinds}, key=str.casefold)
-    for kind in (*kinds, "all"):
-        counts = Counter(one.result for one in outcomes if kind == "all" or kind in one.kinds)
-        total = sum(counts.values())
-        lines.append(f"| {kind} | {total} | {counts[RIGHT]} | {counts[REFUSED]} | {counts[WRONG]} |")
-    wrong = ", ".join(str(one.seed) for one in outcomes if one.result == WRONG)
-    return "\n".join([*lines, "", f"Seeds of silently wrong cases: {wrong or 'none'}."])
+    """Return the table of outcomes, how many cases had each kind, and the seeds of silently wrong cases."""
+    results = Counter(one.result for one in outcomes)
+    kinds = Counter(kind for one in outcomes for kind in one.kinds)
+    wrong_kinds = Counter(kind for one in outcomes for kind in one.kinds if one.result == WRONG)
+    cells = []
+    for kind in sorted(kinds, key=str.casefold):
+        wrong = f" ({wrong_kinds[kind]} wrong)" if wrong_kinds[kind] else ""
+        cells.append(f"`{kind}` {kinds[kind]}{wrong}")
+    seeds = ", ".join(str(one.seed) for one in outcomes if one.result == WRONG)
+    return "\n".join(
+        [
+            "| cases | right | reported | silently wrong |",
+            "| ---: | ---: | ---: | ---: |",
+            f"| {len(outcomes)} | {results[RIGHT]} | {results[REPORTED]} | {results[WRONG]} |",
+            "",
+            *textwrap.wrap(f"Cases with each kind: {', '.join(cells)}.", _WIDTH, break_on_hyphens=False),
+            "",
+            f"Seeds of silently wrong cases: {seeds or 'none'}.",
+        ]
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

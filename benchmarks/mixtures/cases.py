@@ -20,9 +20,9 @@ from engine.scene import Camera, CameraSet, PhotoSet
 from .folders import Mixture, Shot, draw_folder
 from .models import draw_model
 
-__all__ = ["REFUSED", "RIGHT", "WRONG", "Outcome", "run_case"]
+__all__ = ["REPORTED", "RIGHT", "WRONG", "Outcome", "run_case"]
 
-RIGHT, REFUSED, WRONG = "right", "told", "silently wrong"
+RIGHT, REPORTED, WRONG = "right", "reported", "silently wrong"
 _QUICK = CameraSettings(max_side=320, max_features=1000, first_octave=-1)
 _MAX_ERROR = 12.0  # of 255 levels: losses of JPEG and HEIC; another photo or a wrong rotation has 25 and more
 _WORDS = ("vase", "teapot", "bust", "drum", "globe", "violin", "chair", "mask")
@@ -32,7 +32,7 @@ _SEPARATORS = (", ", "; ", "/", "\n", " and ", " & ", ",", " und ", " + ", ". ")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case: one of `RIGHT`, `REFUSED` and `WRONG`, the kinds that it mixes, and sentences."""
+    """What became of a case: one of `RIGHT`, `REPORTED` and `WRONG`, the kinds that it mixes, and sentences."""
 
     seed: int
     result: str
@@ -67,7 +67,7 @@ def run_case(seed: int, work: Path) -> Outcome:
         missing = placed - {camera.photo for camera in cameras.cameras}
         faults += [f"{name} has no camera" for name in sorted(missing & read)]
         faults += _faults_of_cameras(mixture, used, cameras)
-    result = WRONG if faults else REFUSED if told else RIGHT
+    result = WRONG if faults else REPORTED if told else RIGHT
     return Outcome(seed, result, frozenset(mixture.kinds), tuple(faults) or tuple(told))
 
 

@@ -51,7 +51,7 @@ commit that froze the method, so nothing was chosen on them.
 
 
 _DRAWS = """\
-**Test**: each row tells the preset `better` of its commit in five rooms (*test*) whose seeds follow from the hash of
+**Test**: each row is of the preset `better` of its commit in five rooms (*test*) whose seeds follow from the hash of
 that commit, as it was measured then. Draws differ by more than methods do, since their rooms do. Found words are also
 given in percent of those that the detector ranks first on the true masks."""
 

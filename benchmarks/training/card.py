@@ -10,7 +10,7 @@ A run is STEPS:GAUSSIANS with settings of `standard`, or the name of a preset as
 example: python -m benchmarks.training.card prepare --sets museum_room --sides 640 --out out/card
          python -m benchmarks.training.card train out/card --runs 3000:300000,7000:300000 --seeds 0,1,2
          python -m benchmarks.training.card train out/card --runs standard,best,best:lr_means=8e-4
-         python -m benchmarks.training.card document out/card/results --doc docs/error_vs_time.md
+         python -m benchmarks.training.card document out/card/results --doc docs/training_on_cards.md
 """
 
 from __future__ import annotations

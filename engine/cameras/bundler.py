@@ -1,7 +1,7 @@
 """Cameras and points of Bundler files (``bundle.out``, version 0.3), as RealityCapture and other programs export them.
 
 A camera has a focal length in pixels, two radial coefficients, and world-to-camera with x right, y up, z backward; the
-principal point is the centre of the picture. The pictures' names are the lines of a list beside the file.
+principal point is the centre of the picture. The pictures' names are the lines of a list in the same folder.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def bundler_in_child(source: str, target: str, what: str) -> dict[str, Any]:
 
 
 def _names(file: Path, count: int) -> list[str]:
-    """Return the names of the pictures from the list beside a Bundler file; raises `ValueError` without one."""
+    """Return the names of the pictures from the list of a Bundler file; raises `ValueError` without one."""
     own = file.with_suffix(".list.txt"), file.with_suffix(".txt"), file.with_name("list.txt")
     for path in dict.fromkeys((*own, *sorted(file.parent.glob("*.txt")))):
         if path.is_file() and path != file:

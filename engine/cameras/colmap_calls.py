@@ -40,7 +40,7 @@ _DISK_MESSAGES = (
 
 @contextlib.contextmanager
 def translated(what: str) -> Iterator[None]:
-    """Turn exceptions of pycolmap in this block into errors of ours; `what` and the errors are those of `wait_for`."""
+    """Turn exceptions of pycolmap in this block into errors of ours; for `what` and the errors see `wait_for`."""
     try:
         yield
     except Exception as error:  # noqa: BLE001 those that are not pycolmap's are raised again

@@ -1,4 +1,4 @@
-"""What a model and its matches show about the cameras: the figures that `health` judges.
+"""Evidence of a model and its matches about the cameras: the figures that `health` judges.
 
 Every figure compares the model with something that it was not fitted to: other lenses, matches between photos that it
 does not explain, mirror images, other camera types.
@@ -127,7 +127,7 @@ class Evidence:
     pairs : tuple of PairFit
         The strongest pairs of each placed photo.
     other_models : tuple of tuple of str
-        Photos of further models, beside those of this one.
+        Photos of further models, in addition to this one.
     links : int
         Strong pairs of a placed photo and one that is not placed.
     mirrored, mirrored_placed : tuple of str

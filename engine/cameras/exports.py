@@ -32,7 +32,7 @@ _MAX_XMP_FILES = 20_000
 
 @dataclass(frozen=True)
 class ReadExport:
-    """What an export holds.
+    """Cameras and points of an export.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ def read_export(export: Export, model: Path, should_stop: StopCheck) -> ReadExpo
             "cameras.reality_capture:xmp_in_child", files, files, what, should_stop, memory_per_byte=_XML_BYTES
         )
         folder = model if model.is_dir() else model.parent
-        return _read(answer, arrays["viewmats"], lambda name: _beside(name, folder), _of_values, what)
+        return _read(answer, arrays["viewmats"], lambda name: _photo_of_xmp(name, folder), _of_values, what)
     what = f"The Bundler file {file}"
     answer, arrays = in_child(
         "cameras.bundler:bundler_in_child", file, [file], what, should_stop, memory_per_byte=_XML_BYTES
@@ -105,8 +105,8 @@ def read_export(export: Export, model: Path, should_stop: StopCheck) -> ReadExpo
     return replace(read, points=SparsePoints(arrays["points"], arrays["colors"], math.nan))
 
 
-def _beside(file: str, folder: Path) -> str:
-    """Return the path of a photo without its suffix for that of the XMP file beside it."""
+def _photo_of_xmp(file: str, folder: Path) -> str:
+    """Return the path of a photo without its suffix whose XMP file, in the same folder, is `file`."""
     return os.path.relpath(os.path.splitext(file)[0], folder)
 
 

@@ -49,7 +49,7 @@ def relative_scales(database: Path) -> dict[int, float]:
     -------
     dict of int to float
         Values that explain the median ratios of all pairs best, by absolute differences. Photos that no pair connects
-        have 0; of photos that fall apart, each part has a mean of 0.
+        have 0; where no link connects groups of photos, each group has a mean of 0.
     """
     pairs: list[tuple[int, int, int, float]] = []
     with opened_database(database) as opened:

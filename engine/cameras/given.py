@@ -1,6 +1,6 @@
 """Camera poses supplied by the user: a COLMAP model, or what other programs export.
 
-Conventions at input: COLMAP poses are world-to-camera with x right, y down, z forward; those of other programs are
+Conventions at input: COLMAP poses are world-to-camera with x right, y down, z forward; poses of other programs are
 converted where they are read. Units and world axes of the model are arbitrary and are normalised.
 """
 

@@ -135,7 +135,7 @@ def _of_pictures(evidence: Evidence) -> CameraHealth | None:
             "views first.",
         )
     if scenes := _of_scenes(evidence):
-        # Of a few photos, other lenses cannot be told.
+        # Too few photos to recognise other lenses.
         return scenes
     found = []
     if (evidence.aspect_gain <= MUCH_BETTER and evidence.aspect > _DEPARTURE) or (

@@ -21,7 +21,7 @@ __all__ = ["Part", "joined_parts"]
 Float64 = NDArray[np.float64]
 
 _MIN_COMMON = 2
-"""Common photos that two parts need: a single one does not tell their scale."""
+"""Common photos that two parts need: a single one does not determine their scale."""
 _MAX_ANGLE, _MAX_SHIFT = np.radians(2.0), 0.03
 """Largest median disagreement of common cameras after joining: in their rotation, and in their position relative to the
 distance between them. Models of the same photos by COLMAP agree to 0.1 degrees and 0.2 %."""

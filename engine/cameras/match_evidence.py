@@ -30,7 +30,7 @@ Float64 = NDArray[np.float64]
 _MIN_MATCHES = 12
 """Matches of a pair that count."""
 _CLEAR_RATIO = 0.5
-"""The error of the right orientation is at most this part of those of the others."""
+"""The error of the right orientation is at most this part of the errors of the others."""
 _N_SWEEPS = 3
 
 

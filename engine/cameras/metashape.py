@@ -2,7 +2,7 @@
 
 Camera transforms are camera-to-world with x right, y down, z forward, in the frame of a component of a chunk, which has
 a similarity to the world if it is scaled or georeferenced. Principal points are offsets from the centre of the picture
-as it is stored. The formulas of the lenses are those of the Metashape manual, see `brown_lens`.
+as it is stored. The formulas of the lenses are in the Metashape manual, see `brown_lens`.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ def files_of_model(model: Path) -> list[Path]:
     if parts:
         return sorted(path for part in parts for path in part.iterdir() if path.is_file())
     files = find_export(model).files
-    # A point cloud lies beside its transforms.json.
+    # A point cloud is in the folder of its transforms.json.
     clouds = {path for file in files for path in file.parent.glob("*.ply")}
     return sorted({*files, *clouds})
 
@@ -149,7 +149,7 @@ def find_export(model: Path) -> Export:
     if not found:
         raise CameraError(f"{model} contains no camera model. {_KNOWN}")
     if "transforms" in found:
-        # A COLMAP project of nerfstudio has one beside its model; others are splits of the same cameras.
+        # A COLMAP project of nerfstudio has one in the folder of its model; others are splits of the same cameras.
         found = {"transforms": found["transforms"]}
     for kind, files in found.items():
         if kind != "xmp" and len(files) > 1:

@@ -89,8 +89,8 @@ def promising_pairs(
     -----
     A quick match is a mutual best match of the given descriptors that passes Lowe's ratio test. A pair is selected
     when it has 12 quick matches (for the 40 best partners of a photo), when one photo is among the `neighbours` best
-    partners of the other, or when the photos are at most two places apart in the order of names, because photos are
-    usually taken while walking around an object. A pair takes about 5 ms of CPU, matching it in full 80 ms.
+    partners of the other, or when the photos are at most two places from each other in the order of names, because
+    photos are usually taken while walking around an object. A pair takes about 5 ms of CPU, matching it in full 80 ms.
 
     References
     ----------

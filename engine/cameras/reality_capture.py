@@ -1,7 +1,7 @@
-"""Cameras that RealityCapture and RealityScan export: CSV files, and an XMP file beside each photo.
+"""Cameras that RealityCapture and RealityScan export: CSV files, and an XMP file for each photo, in the same folder.
 
-In both, focal lengths are those of film 36 mm wide, and principal points are offsets from the centre of the picture;
-both are relative to the longest side in pixels. ``k1`` to ``k4``, ``t1`` and ``t2`` are those of `brown_lens`: the
+In both, focal lengths refer to film 36 mm wide, and principal points are offsets from the centre of the picture;
+both are relative to the longest side in pixels. ``k1`` to ``k4``, ``t1`` and ``t2`` as in `brown_lens`: the
 program's own export for OpenCV exchanges t1 and t2. XMP files have the rotation world-to-camera, row by row, with x
 right, y down, z forward, and the position of the camera. CSV files have heading, pitch and roll in degrees: the
 camera-to-world rotation Rz(-heading) Rx(pitch) Ry(roll), with x right, y up, z backward.

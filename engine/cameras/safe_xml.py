@@ -18,7 +18,7 @@ _MAX_NUMBERS = 64
 
 
 class _Refused(Exception):
-    """What makes a file unsafe, as a clause."""
+    """A file is unsafe; the message is the reason, as a clause."""
 
 
 def parsed_xml(file: Path, advice: str) -> ET.Element:

@@ -45,7 +45,7 @@ class StillBackground:
 
     @property
     def sentence(self) -> str:
-        """What is the matter and what to do, in words."""
+        """The problem and what to do, in words."""
         if self.moving_share < 0.02:
             seen = "Neither the camera nor the object seems to move"
         else:
@@ -100,6 +100,6 @@ def _share_within(
     matches: np.ndarray[tuple[int, ...], np.dtype[np.uint32]],
     limit: float,
 ) -> float:
-    """Return the share of the matches [M, 2] whose places are at most `limit` pixels apart."""
+    """Return the share of the matches [M, 2] whose places are at a distance of at most `limit` pixels."""
     distances = np.linalg.norm(first[matches[:, 0]] - second[matches[:, 1]], axis=1)
     return float(np.mean(distances <= limit))

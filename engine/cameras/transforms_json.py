@@ -1,7 +1,7 @@
 """Reading of ``transforms.json`` as written by nerfstudio and instant-ngp and for the NeRF synthetic scenes.
 
 The file has camera-to-world matrices with OpenGL axes (x right, y up, z backward). They are converted here to
-world-to-camera matrices with x right, y down, z forward; the world frame and its unit stay those of the file.
+world-to-camera matrices with x right, y down, z forward; the world frame and its unit stay as in the file.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ _NICENESS = 10
 
 @dataclass(frozen=True)
 class BesideCost:
-    """What the child took.
+    """Cost of the child process.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class MasksBeside:
         self._started = time.perf_counter()
 
     def end(self) -> BesideCost | None:
-        """End the child and return what it took, None when none was started. It may have made only some label maps."""
+        """End the child and return its cost, None when none was started. It may have made only some label maps."""
         if self._child is None:
             return None
         child, self._child = self._child, None
@@ -109,7 +109,7 @@ class MasksBeside:
             answer = child.end()
         except HeritageError as error:
             # What keeps the photos from being segmented stops the masks stage too, which says it as an error.
-            _LOG.warning("No more label maps were made beside the cameras: %s", error)
+            _LOG.warning("No more label maps were made while the cameras were estimated: %s", error)
             return BesideCost(seconds, self._n_kept, problem=str(error))
         return BesideCost(n_kept=self._n_kept, **(answer or {"seconds": seconds}))
 
@@ -119,7 +119,7 @@ def make_masks_in_child(
 ) -> dict[str, Any]:
     """Make label maps and return `seconds` and `peak_memory` of `BesideCost`.
 
-    The parameters are those of `MasksBeside` as JSON values.
+    The parameters are described at `MasksBeside`; here they are JSON values.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def make_masks_in_child(
     start, chosen = time.perf_counter(), MaskSettings(**settings)
     with PeakMemory.of() as peak:
         photo_set = replace(read_photo_set(Path(photos_file)), folder=Path(photo_folder))
-        # Cards are left to the masks stage, which tries them first and tells what encodes.
+        # Cards are left to the masks stage, which tries them first and reports which device encodes.
         load = functools.partial(load_sam, chosen.model, threads=sam_threads(chosen), may_use_gpu=False)
         make_masks(photo_set, names, Path(folder), chosen, load, emit=lambda event: None, should_stop=never_stop)
     return {"seconds": time.perf_counter() - start, "peak_memory": peak.bytes}
@@ -143,7 +143,7 @@ def make_masks_in_child(
 def sam_threads(settings: MaskSettings) -> int:
     """Return the worker threads of SAM in the masks stage.
 
-    The default model takes as long for the clicks of a photo as for encoding the next, which runs beside them; the
+    The default model takes as long for the clicks of a photo as for encoding the next, which runs in parallel; the
     encoders of the others take longer.
     """
     return 1 if settings.model == SAM_MODELS[0] else 2

@@ -39,7 +39,7 @@ class PhotoEncoder:
     """The encoder of Segment Anything on a graphics card that passes a self-test, or else on the CPU.
 
     On a processor that multiplies bfloat16, torch computes the encoder of MobileSAM in it, if the features of the first
-    photo agree with those of ONNX Runtime, which computes all others.
+    photo agree with the features of ONNX Runtime, which computes all others.
 
     Parameters
     ----------
@@ -81,14 +81,14 @@ class PhotoEncoder:
 
     @property
     def device(self) -> str:
-        """What encodes photos, and why, as a sentence."""
+        """The device that encodes photos and the reason, as a sentence."""
         if self.on_card:
             return f"Photos are encoded on the graphics card with {self._description}; it passed the self-test."
         precision = "" if self._torch is None else " in bfloat16"
         return f"Photos are encoded on the CPU{precision}: {self._description}."
 
     def encode(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the features, float32 [1, c, 64, 64], of what `takes_photo` tells."""
+        """Return the features, float32 [1, c, 64, 64], of the input that `takes_photo` describes."""
         if self._torch is not None:
             found = self._torch.encode(picture)
             if self._was_checked:

@@ -1,7 +1,7 @@
 """Masks of the object before its background, made by Segment Anything for photos with a background that stands still.
 
 Such masks keep features and training away from the background, see `photos.photo_masks`. What moves between photos of
-a camera on a tripod is the object on its turntable, and tells Segment Anything where to look. Where the camera moves,
+a camera on a tripod is the object on its turntable, and shows Segment Anything where to look. Where the camera moves,
 the object is taken to stand in the middle.
 """
 

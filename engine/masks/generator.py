@@ -75,7 +75,7 @@ def stability_score(logits: NDArray[np.float32]) -> float:
 def _grid(embedding: Embedding, n_cells: int) -> list[tuple[float, float]]:
     """Return x, y of ``n_cells`` x ``n_cells`` clicks, row by row.
 
-    In Meta's generator a pixel's coordinates are those of its corner, and its decoder adds half a pixel of the
+    In Meta's generator a pixel's coordinates refer to its corner, and its decoder adds half a pixel of the
     encoder's frame. The half pixel added here gives the same positions.
     """
     half = 0.5 / embedding.scale

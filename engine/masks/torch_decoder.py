@@ -152,7 +152,7 @@ class TorchDecoder:
             return logits, ious[best : best + 1].numpy()
 
     def _prompt(self, coordinates: NDArray[np.float32], labels: NDArray[np.float32]) -> Tensor:
-        """Return the tokens of a prompt: those of IoU and masks, then one per point; [t, 256]."""
+        """Return the tokens of a prompt: for IoU and masks, then one per point; [t, 256]."""
         places = self._encode_places(torch.from_numpy((coordinates + 0.5) / _PIXELS))
         points = [
             self._not_a_point if kind == _NOT_A_POINT else place + self._kinds[int(kind)]

@@ -25,7 +25,7 @@ __all__ = ["call_in_child", "call_within_bounds", "is_large", "limited_call", "r
 _MAX_BYTES_HERE = 512 << 20
 """Largest memory of a photo that is decoded in this process."""
 _CHILD_BYTES = 192 << 20
-"""Memory of a child process beside the photo."""
+"""Memory of a child process in addition to the photo."""
 _CPU_SECONDS = 8.0
 """CPU time of a child process for a file of up to 10 MB."""
 _CPU_SECONDS_PER_BYTE = 0.5e-6

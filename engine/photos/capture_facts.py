@@ -1,4 +1,4 @@
-"""What EXIF says about how a photo was taken, for the record. Places, names and serial numbers are left out."""
+"""Facts of EXIF about how a photo was taken, for the record. Places, names and serial numbers are left out."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ _ROWS_AT_ONCE = 512
 _SIDE_TOLERANCE = 2.0
 """Pixels by which a side of a reduced copy may differ from the exact one: some programs round to even numbers."""
 _BLOCK = 16
-"""Side of the compared blocks of a reduced picture, in pixels; those of crops are larger by the factor 2.5."""
+"""Side of the compared blocks of a reduced picture, in pixels; blocks of crops are larger by the factor 2.5."""
 _BLUR = 1.0
 """Standard deviation of the blur before the comparison, which removes what programs reduce differently."""
 _MIN_DEVIATION = 4.0

@@ -50,7 +50,7 @@ UPRIGHT_TRANSPOSES: dict[int, Image.Transpose] = {
 class _PillowWarnings:
     """Suppresses Pillow's warnings while any thread is inside of a block.
 
-    Warning filters apply to the whole process: a thread that restored them would change those of the others.
+    Warning filters apply to the whole process: a thread that restored them would change the filters of the others.
     """
 
     def __init__(self) -> None:

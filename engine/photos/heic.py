@@ -15,10 +15,10 @@ from ..core.visible_text import visible
 __all__ = ["can_read_heic", "conversion_of_numbers", "require_heic_reader", "require_ordinary_colours"]
 
 _NUMBERS = "nclx_profile"
-"""What pillow-heif calls the colours that are stated by numbers of ITU-T H.273."""
+"""The name in pillow-heif for colours that are stated by numbers of ITU-T H.273."""
 
 _SRGB_PRIMARIES = frozenset({1, 2, 5, 6, 7})
-"""BT.709, unspecified, and those of standard television, which are shown as sRGB everywhere."""
+"""BT.709, unspecified, and standard television, which are shown as sRGB everywhere."""
 _WIDE_PRIMARIES = frozenset({9, 12})
 """BT.2020 and Display P3; their white is that of sRGB."""
 _USUAL_CURVES = frozenset({1, 2, 4, 5, 6, 7, 11, 13, 14, 15})

@@ -64,7 +64,7 @@ _STARTS: tuple[tuple[int, bytes, str], ...] = (
 _HEIC_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"hevm", b"hevs"})
 _AVIF_BRANDS = frozenset({b"avif", b"avis"})
 _SHARED_BRANDS = frozenset({b"mif1", b"mif2", b"msf1", b"miaf"})
-"""Brands of HEIC and AVIF alike; the compatible brands tell which it is."""
+"""Brands of HEIC and AVIF alike; the compatible brands state which it is."""
 _AUDIO_BRANDS = frozenset({b"M4A ", b"M4B ", b"M4P "})
 
 _PICTURE_SUFFIXES = frozenset(
@@ -109,7 +109,7 @@ def refusal_of(kind: str | None, suffix: str) -> str | None:
     kind : str or None
         As of `kind_of_file`.
     suffix : str
-        Suffix of its name, which tells what the user takes it for where the content says nothing.
+        Suffix of its name, which shows what the user takes it for where the content says nothing.
     """
     suffix = suffix.lower()
     if kind == RAW or (kind is None and suffix in _RAW_SUFFIXES):

@@ -1,4 +1,4 @@
-"""What a photo looks like, measured while it is decoded: small enough to keep for every photo and to compare pairs.
+"""The look of a photo, measured while it is decoded: small enough to keep for every photo and to compare pairs.
 
 `copies` finds the same shot in other pixels with it, `mask_pictures` pictures that are masks.
 """

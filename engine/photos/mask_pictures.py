@@ -50,7 +50,7 @@ def masks_among(looks: Mapping[str, Look]) -> dict[str, str]:
         for name in likely
         if name in certain or photo_of[name] is not None or _FOLDER_OF_MASKS.search(PurePosixPath(name).parent.name)
     }
-    # Masks that exclude nothing or everything, beside others.
+    # Masks that exclude nothing or everything, among others.
     folders = {PurePosixPath(name).parent for name in masks}
     for name, look in looks.items():
         is_flat = max(look.dark_share, look.bright_share) > 1.0 - _MIN_SECOND and look.gray_share > _MIN_EXTREME

@@ -74,7 +74,7 @@ _SRGB = ImageCms.createProfile("sRGB")
 
 @dataclass(frozen=True)
 class PhotoHeader:
-    """What the header of a photo says.
+    """The header of a photo.
 
     Attributes
     ----------

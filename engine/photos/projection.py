@@ -1,4 +1,4 @@
-"""Pictures that no lens of a camera took as an ordinary view: panoramas, round fisheye pictures, screenshots.
+"""Pictures that are no ordinary view through a lens: panoramas, round fisheye pictures, screenshots.
 
 Structure from motion places them too, at wrong positions, so they must be known before.
 """
@@ -41,7 +41,7 @@ _XMP_SCREENSHOT = re.compile(rb"UserComment.{0,200}?Screenshot", re.DOTALL)
 _MAX_XMP_BYTES = 1 << 20
 _EXIF_IFD, _MAKE, _MODEL, _CUSTOM_RENDERED, _USER_COMMENT = 0x8769, 0x010F, 0x0110, 0xA401, 0x9286
 _APPLE_PANORAMA = 6
-"""What Apple's cameras write as CustomRendered."""
+"""Value of CustomRendered for a panorama, as Apple's cameras write it."""
 _SCREENSHOT_NAMES = (
     "screenshot", "screen shot", "bildschirmfoto", "capture d", "captura de pantalla", "captura de tela",
     "captura de ecrã", "schermafbeelding", "schermata", "skärmavbild", "skjermbilde", "skærmbillede", "näyttökuva",
@@ -201,8 +201,8 @@ def _wraps_around(gray: Gray) -> bool:
     if min(left.std(), right.std()) < _MIN_EDGE_TEXTURE:
         return False
     wraps = float(np.corrcoef(left, right)[0, 1])
-    beside = (np.abs(gray[:, 0] - gray[:, 1]).mean() + np.abs(gray[:, -1] - gray[:, -2]).mean()) / 2
-    jump = float(np.abs(gray[:, 0] - gray[:, -1]).mean() / max(float(beside), 0.5))
+    neighbours = (np.abs(gray[:, 0] - gray[:, 1]).mean() + np.abs(gray[:, -1] - gray[:, -2]).mean()) / 2
+    jump = float(np.abs(gray[:, 0] - gray[:, -1]).mean() / max(float(neighbours), 0.5))
     poles = min(float(gray[0].std()), float(gray[-1].std()))
     usual = max(float(np.median(gray.std(axis=1))), 1.0)
     return wraps > _MIN_WRAP and jump < _MAX_JUMP and poles < _MAX_POLE * usual

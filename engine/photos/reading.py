@@ -145,7 +145,7 @@ def read_photos(
 def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
     """Return every file in `folder` that is a picture or a video by its content or its name, ordered by name.
 
-    See `read_photos`. The moving parts of Live Photos are left out: a video beside a photo of the same name.
+    See `read_photos`. The moving parts of Live Photos are left out: a video in the folder of a photo of the same name.
 
     Sub-folders that cannot be read, and folders without pictures that are named like one, are among them.
 
@@ -321,7 +321,7 @@ def _encoding(image: Image.Image) -> str:
 
 
 def _as_reason(error: PhotoError, path: Path) -> str:
-    """Return the error's message without the file's name, which is reported beside the reason already."""
+    """Return the error's message without the file's name, which is reported with the reason already."""
     message = str(error)
     for subject in (path.name, str(path)):
         if message.startswith(subject):

@@ -1,4 +1,4 @@
-"""What the structure of a file would cost Pillow's parsers, checked before they run.
+"""The cost of a file's structure for Pillow's parsers, checked before they run.
 
 A few bytes can make a parser allocate an object, inflate a megabyte or pass over the whole picture. These numbers are
 bounded far above what cameras and editors write.

@@ -52,7 +52,7 @@ def is_video(path: Path) -> bool:
 def extract_frames(
     video: Path, folder: Path, settings: VideoSettings, *, emit: Emit, should_stop: StopCheck, prefix: str = "frame"
 ) -> list[Path]:
-    """Write the best frames of a video into `folder`, or return those of an earlier call.
+    """Write the best frames of a video into `folder`, or return the frames of an earlier call.
 
     Parameters
     ----------

@@ -222,7 +222,7 @@ def _depth(gaussians: Gaussians, camera: Camera | PinholeCamera, backend: Backen
     frame = _frame(camera)
     scene = Scene(gaussians, backend=backend)
     rendered = scene.render(frame, channels=scene.depth_of(frame)[:, None])
-    # Both are resampled before the division, so that depths are not mixed with those of uncovered pixels.
+    # Both are resampled before the division, so that depths are not mixed with depths of uncovered pixels.
     blended, alpha = _to_photo(np.dstack([rendered.channels, rendered.alpha]), frame, camera).transpose(2, 0, 1)
     covered = alpha > _MIN_COVERAGE
     depth = np.divide(blended, alpha, out=np.zeros_like(blended), where=covered)

@@ -1,6 +1,7 @@
 """What a graphics card changes in the settings: it affords more Gaussians, pixels and bands. Standard library only.
 
-More Gaussians than these were measured to be worse on photo sets that do not determine them, see docs/error_vs_time.md.
+More Gaussians than these were measured to be worse on photo sets that do not determine them, see
+docs/training_on_cards.md.
 """
 
 from __future__ import annotations

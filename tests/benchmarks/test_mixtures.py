@@ -40,5 +40,5 @@ def test_prompts_that_lose_a_text_are_seen(tmp_path: Path, monkeypatch: pytest.M
 
 def test_the_table_names_the_seeds_of_wrong_cases() -> None:
     table = table_of([Outcome(7, WRONG, frozenset({"zoom"}), ("a",)), Outcome(8, "right", frozenset({"zoom"}), ())])
-    assert "| zoom | 2 | 1 | 0 | 1 |" in table
+    assert "| 2 | 1 | 0 | 1 |" in table and "`zoom` 2 (1 wrong)" in table
     assert table.endswith("Seeds of silently wrong cases: 7.")

@@ -18,7 +18,14 @@ MOST_FIGURES = 12
 """Rows of README's table at most: more are not read."""
 
 MARKS = ("in sample", "test")
-DOCUMENTS = ("segmentation.md", "text_prompts.md", "error_vs_time.md", "polished_objects.md", "rasterizer_speed.md")
+DOCUMENTS = (
+    "segmentation.md",
+    "text_prompts.md",
+    "error_vs_time.md",
+    "training_on_cards.md",
+    "polished_objects.md",
+    "rasterizer_speed.md",
+)
 """Documents with measured quality or speed in `docs`."""
 
 _MARK = re.compile(r"\*+(in sample|test)\*+", re.IGNORECASE)

@@ -20,7 +20,7 @@ _TYPE = f"{{{_LIDO}}}type"
 _LOCAL, _URI = {_TYPE: f"{_TERMS}lido00100"}, {_TYPE: f"{_TERMS}lido00099"}
 """Types of an identifier: "local identifier" and "URI" in the terminology of LIDO."""
 _THIS_RECORD, _CREATED = {_TYPE: f"{_TERMS}lido00470"}, {_TYPE: f"{_TERMS}lido00472"}
-"""What a set of facts is about, the LIDO record itself, and what its date says: when it was created."""
+"""Terms of LIDO: a set of facts is about the record itself, and its date is the date of creation."""
 _PREFERRED = f"{_TERMS}lido00169"
 _ITEM_LEVEL = f"{_TERMS}lido00141"
 """That a record describes a single object."""

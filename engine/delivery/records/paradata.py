@@ -1,4 +1,4 @@
-"""What is known of an object or a scene and how it was made, as JSON values: the source of every other record.
+"""Facts about an object or a scene and how it was made, as JSON values: the source of every other record.
 
 Nothing is measured here. What a project does not say is left out or None, never guessed.
 """
@@ -149,7 +149,7 @@ def describe_object(project: ProjectFolder, object_id: str, *, title: str | None
 
 
 def _hand_edits(record: ObjectRecord) -> dict[str, int]:
-    """Count what a person changed: corrections, their clicks on the object and beside it."""
+    """Count what a person changed: corrections, their clicks on the object and outside of it."""
     clicks = [len(one.get("clicks", ())) for one in record.refined]
     others = [len(one.get("not", ())) for one in record.refined]
     return {"corrections": len(record.refined), "clicks_on": sum(clicks), "clicks_beside": sum(others)}

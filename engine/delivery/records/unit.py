@@ -1,4 +1,4 @@
-"""What a unit of length of a project is: metres where a distance was given, otherwise not known."""
+"""The unit of length of a project: metres where a distance was given, otherwise not known."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ SHEET_FILE = "objects.png"
 _COVERAGE_SIDE = 320
 """Longest side of the pictures of training photos in which surfaces are looked for, pixels."""
 _MAX_PAIRS = 3
-"""Test photos that are shown beside their renders."""
+"""Number of test photos that are shown next to their renders."""
 
 
 def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str | None = None) -> Path:
@@ -58,7 +58,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
     -------
     Path
         ``report/report.html``, one file with all its pictures. ``report.json`` and, where there are objects,
-        ``objects.png`` with four views of each are written beside it.
+        ``objects.png`` with four views of each are written into the same folder.
 
     Raises
     ------

@@ -49,7 +49,7 @@ _FIGURES: dict[str, Schema] = {
     },
     "objects": {"refused": optional({str: str})},
 }
-"""What the figures of each stage must be, as far as the report shows them."""
+"""Types of the figures of each stage, as far as the report shows them."""
 _VALUES: dict[str, Schema] = {
     "work_plan": {
         "pairs": str,

@@ -303,8 +303,12 @@ def _forecast(rows: list[dict[str, Any]]) -> Html:
 def _actual_time(row: dict[str, Any]) -> str:
     if row["actual_seconds"] is None:
         return "not done yet" if row["stage"] != "report" else "being written"
-    beside = "" if row["beside_seconds"] is None else f" after {_duration(row['beside_seconds'])} beside the cameras"
-    return _duration(row["actual_seconds"]) + beside + (" (continued)" if row["continued"] else "")
+    in_parallel = (
+        ""
+        if row["beside_seconds"] is None
+        else f" after {_duration(row['beside_seconds'])} while the cameras were estimated"
+    )
+    return _duration(row["actual_seconds"]) + in_parallel + (" (continued)" if row["continued"] else "")
 
 
 def _memory(value: Any) -> str:

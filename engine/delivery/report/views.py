@@ -181,8 +181,8 @@ def orbit_cameras(
     if np.linalg.norm(mean) < 0.3:
         angles = front + 2 * np.pi * np.arange(count) / count
     else:
-        beside = np.angle(np.exp(1j * (np.arctan2(sides[:, 1], sides[:, 0]) - front)))
-        first, last = np.percentile(beside, [10, 90])
+        from_front = np.angle(np.exp(1j * (np.arctan2(sides[:, 1], sides[:, 0]) - front)))
+        first, last = np.percentile(from_front, [10, 90])
         wider = max(0.0, _MIN_ARC - (last - first)) / 2
         first, last = first - wider, last + wider
         angles = front + np.linspace(first, last, count)

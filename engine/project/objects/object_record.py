@@ -1,4 +1,4 @@
-"""What is stored of an object: its record in ``object.json``, and the versions of that file."""
+"""The record of an object in ``object.json``, and the versions of that file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE = "membership.npy", "levels.npy", "p
 COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE)
 """Files of an object whose size and hash are in its record."""
 PICTURE_FILE = "picture.png"
-"""What an object with an unsure name shows on a photo; only such objects have it."""
+"""A picture of an object with an unsure name on a photo; only such objects have it."""
 _ADVICE = "Delete its folder and isolate the object again."
 
 _POINTS: Schema = [{"photo": str, "x": float, "y": float}]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 from ... import __version__
 from ...core.files import atomic_write
@@ -16,6 +16,8 @@ from .picture import curve_picture
 from .results import Evaluation, Row, Word, mean_of
 from .settings import IN_SAMPLE_SCENES, MARKS, PromptKind, methods_of
 from .summary import n_ranked_first, summarise
+
+T = TypeVar("T")
 
 __all__ = ["INTRODUCTION", "MEANINGS", "data_of", "markdown", "write_evaluation"]
 
@@ -58,10 +60,10 @@ MEANINGS = """## What the columns mean
   elsewhere. Test: none was. Compared photos are those that training did not see, and isolating an object looks at none
   of the photos that it is compared in, unless the section says otherwise. Where cameras are estimated, all photos take
   part in that.
-- found: objects, or words, with a mean IoU of at least 50 % over the compared photos.
+- found: objects, or words, with a mean IoU of at least 50 % over the compared photos. **Bold**: not found.
 - IoU, BIoU: as in the script of Gaussian Grouping, in percent; means over the views of an object, then over all
   objects. The boundary is the band inside of a mask with a width of 0.02 of the picture's diagonal. Objects for which
-  nothing was returned count 0 (that script skips them).
+  nothing was returned count 0 (that script skips them). Rows of objects have IoU / BIoU.
 - halo: predicted pixels outside of the true mask within that band's width; stray: those farther away; holes: missing
   pixels of the true mask. All in percent of the true mask's pixels.
 - Gaussians: IoU with the Gaussians of the object, determined from the true masks of all photos, in percent. Empty where
@@ -71,17 +73,17 @@ MEANINGS = """## What the columns mean
   photos that the masks stage segmented are stored, as in a project. Loading a model counts for the first object that
   needs it, and describing the groups of the scene for the first text. The median and the worst are those of the prompts
   after the first.
-- Words: the IoU is that of the first result with the object that the word names (of equal objects the one that it
-  matches best), and 0 for a refused word. "shows" is the object with which it has the highest IoU, if that is at least
-  50 %. The score is that of the first result; for a refused word, that of the best candidate. A word for an absent
-  thing is right when it is refused.
+- Rows of words: the object with which the first result has the highest IoU, if that is at least 50 %; then the IoU of
+  the first result with the object that the word names (of equal objects the one that it matches best), 0 for a refused
+  word. In brackets the score of the best candidate of a refused word. An absent word should be refused.
 - Words ranked first on the true masks: the objects are cut out of photos that may be looked at by their true masks,
   as candidates of a text are by their own, and the detector scores each of them with all words of the scene and for
   absent things. The word of an object counts when no other word has a higher score. This is what the detector makes of
   perfect outlines.
 - Results of a search for all objects: "ignored" are those of which most pixels show furniture and other things that the
   true masks ignore; they are neither right nor wrong. "unseen" are those that no compared photo shows. "false" are all
-  others with an IoU below 50 %."""
+  others with an IoU below 50 %.
+- Every figure of every object and word is in the file that `--results` writes."""
 
 
 def data_of(evaluation: Evaluation, title: str) -> Literal["in sample", "test"]:
@@ -97,13 +99,13 @@ def data_of(evaluation: Evaluation, title: str) -> Literal["in sample", "test"]:
 
 
 def markdown(evaluation: Evaluation) -> str:
-    """Return the tables and remarks: figures of every method, then every object, word or result for the presets."""
+    """Return the tables and remarks: figures of every method, then a row for every object or word."""
     kind = evaluation.settings.prompt_kind
     blocks = [_means(evaluation)]
     if kind == "text":
         blocks = [_word_figures(evaluation), _ceiling(evaluation), _words(evaluation), *blocks]
     elif kind == "all":
-        blocks = [_search_figures(evaluation), *blocks, _objects(evaluation), _results(evaluation)]
+        blocks = [_search_figures(evaluation), *blocks, _results(evaluation)]
     else:
         blocks.append(_objects(evaluation))
     return "\n\n".join([*blocks, *(["\n".join(remarks)] if (remarks := list(_remarks(evaluation))) else [])])
@@ -168,12 +170,19 @@ def _means(evaluation: Evaluation) -> str:
 
 
 def _objects(evaluation: Evaluation) -> str:
-    lines = [f"| object | method | views | {_MEASURES} |", f"| --- | --- | ---: | {_RIGHT} |"]
-    for row in evaluation.rows:
-        if row.method in evaluation.settings.presets:
-            method = row.method if row.found else f"{row.method} (**not found**)"
-            lines.append(f"| {_cell(row.object)} | {method} | {row.n_views} | {_cells([row])} |")
+    """Return a row for each object, with its IoU and boundary IoU by each preset."""
+    presets = [name for name in evaluation.settings.presets if any(row.method == name for row in evaluation.rows)]
+    lines = [f"| object | views | {' | '.join(presets)} |", f"| --- | ---: |{' ---: |' * len(presets)}"]
+    for name, rows in _by(evaluation.rows, lambda row: row.object).items():
+        by_method = {row.method: row for row in rows}
+        cells = [_object_cell(by_method[preset]) for preset in presets]
+        lines.append(f"| {_cell(name)} | {rows[0].n_views} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _object_cell(row: Row) -> str:
+    ious = f"{_number(100 * row.iou)} / {_number(100 * row.boundary_iou)}"
+    return ious if row.found else f"**{ious}**"
 
 
 def _word_figures(evaluation: Evaluation) -> str:
@@ -202,23 +211,33 @@ def _ceiling(evaluation: Evaluation) -> str:
 
 
 def _words(evaluation: Evaluation) -> str:
-    lines = [
-        "| word | method | right | shows | IoU | results | score | CPU s | wall s |",
-        "| --- | --- | --- | --- | ---: | ---: | ---: | ---: | ---: |",
-    ]
-    for word in evaluation.words:
-        if word.method in evaluation.settings.presets:
-            right = word.n_results == 0 if word.absent else word.found
-            name = f"{_cell(word.prompt)} (absent)" if word.absent else _cell(word.prompt)
-            lines.append(f"| {name} | {word.method} | {'yes' if right else '**no**'} | {_word_cells(word)} |")
+    """Return a row for each word of an object, and what was answered to the absent words."""
+    words = [word for word in evaluation.words if word.method in evaluation.settings.presets]
+    presets = list(dict.fromkeys(word.method for word in words))
+    lines = [f"| word | {' | '.join(presets)} |", f"| --- |{' --- |' * len(presets)}"]
+    for prompt, asked in _by([word for word in words if not word.absent], lambda word: word.prompt).items():
+        lines.append(f"| {_cell(prompt)} | {' | '.join(map(_word_cell, asked))} |")
+    absent = [word for word in words if word.absent]
+    if absent:
+        names = dict.fromkeys(_cell(word.prompt) for word in absent)
+        lines += ["", f"Absent words: {', '.join(names)}.", ""]
+        lines += ["| method | absent words that it answered, with the object shown |", "| --- | --- |"]
+        for preset in presets:
+            shown = [
+                f"{_cell(word.prompt)} ({_cell(word.shows or 'no object')})"
+                for word in absent
+                if word.method == preset and word.n_results
+            ]
+            lines.append(f"| {preset} | {', '.join(shown) or 'none'} |")
     return "\n".join(lines)
 
 
-def _word_cells(word: Word) -> str:
-    shows = _cell(word.shows or "no object") if word.n_results else "refused"
-    score = "-" if math.isnan(word.score) else f"{word.score:.2f}"
-    seconds = f"{_number(word.cpu_seconds)} | {_number(word.seconds)}"
-    return f"{shows} | {_number(100 * word.iou)} | {word.n_results} | {score} | {seconds}"
+def _word_cell(word: Word) -> str:
+    if word.n_results:
+        text = f"{_cell(word.shows or 'no object')} {_number(100 * word.iou)}"
+    else:
+        text = "refused" if math.isnan(word.score) else f"refused ({word.score:.2f})"
+    return text if word.found else f"**{text}**"
 
 
 def _search_figures(evaluation: Evaluation) -> str:
@@ -235,17 +254,25 @@ def _search_figures(evaluation: Evaluation) -> str:
 
 
 def _results(evaluation: Evaluation) -> str:
-    lines = ["| suggested name | method | score | result | IoU |", "| --- | --- | ---: | --- | ---: |"]
-    for search in evaluation.searches:
-        for result in search.results:
-            if search.method in evaluation.settings.presets:
-                nearest = f" ({_cell(result.object)})" if result.object else ""
-                shows = _cell(result.object) if result.kind == "object" else f"**{result.kind}**{nearest}"
-                name = _cell(result.name or "-")
-                lines.append(
-                    f"| {name} | {search.method} | {result.score:.2f} | {shows} | {_number(100 * result.iou)} |"
-                )
-    return "\n".join(lines)
+    """Return a row for each object with the result that counts for it, and the results that count for none."""
+    results = [result for search in evaluation.searches for result in search.results]
+    lines = ["| object | views | IoU / BIoU | suggested name | score |", "| --- | ---: | ---: | --- | ---: |"]
+    for row in evaluation.rows:
+        result = next((one for one in results if one.object == row.object), None)
+        name, score = (_cell(result.name or "-"), f"{result.score:.2f}") if result else ("-", "-")
+        lines.append(f"| {_cell(row.object)} | {row.n_views} | {_object_cell(row)} | {name} | {score} |")
+    others = [f"{_cell(one.name or '-')} {one.score:.2f} ({one.kind})" for one in results if not one.object]
+    return "\n".join(
+        [*lines, "", f"Results for no object, by suggested name and score: {', '.join(others) or 'none'}."]
+    )
+
+
+def _by(ones: Iterable[T], key: Callable[[T], str]) -> dict[str, list[T]]:
+    """Return what has the same key together, in the order of the first of each."""
+    groups: dict[str, list[T]] = {}
+    for one in ones:
+        groups.setdefault(key(one), []).append(one)
+    return groups
 
 
 def _cells(rows: Sequence[Row]) -> str:
@@ -268,9 +295,12 @@ def _cell(text: str) -> str:
 
 
 def _remarks(evaluation: Evaluation) -> Iterator[str]:
-    for row in evaluation.rows:
-        if row.remark and row.method in evaluation.settings.presets:
-            yield f"- {row.object}, {row.method}: {row.remark}"
+    presets, kind = evaluation.settings.presets, evaluation.settings.prompt_kind
+    if kind == "text":  # a word that was refused by its score has the score in its row
+        refused = [word for word in evaluation.words if word.method in presets and not word.absent]
+        yield from (f"- {one.prompt}, {one.method}: {one.remark}" for one in refused if math.isnan(one.score))
+    elif kind != "all":
+        yield from (f"- {row.object}, {row.method}: {row.remark}" for row in evaluation.rows if row.remark)
     for name in evaluation.left_out:
         yield f"- {name}: left out, since no photo is left to compare it in."
     if evaluation.unplaced:

@@ -1,4 +1,4 @@
-"""The workers of a batch: started on this computer, or those of a scheduler that runs already."""
+"""The workers of a batch: started on this computer, or workers of a scheduler that runs already."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ _RUNNING_AT_ONCE = 2
 
 @dataclass
 class BatchResult:
-    """What became of a batch.
+    """Result of a batch.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Coordinator:
     emit, should_stop
         See `engine.core.events`.
     relay : bool
-        Whether the engine's own events are emitted instead of those of a batch; for one folder.
+        Whether the engine's own events are emitted instead of the events of a batch; for one folder.
     notes : list of str
         Sentences about the whole batch.
     """

@@ -169,7 +169,7 @@ def _use_cores(numbers: str) -> None:
 
 
 def _main() -> int:
-    """Run the engine in this process, the child, and say at the end what it took."""
+    """Run the engine in this process, the child, and report its cost at the end."""
     # Before NumPy and torch count the cores.
     _use_cores(os.environ.get(CORES_VARIABLE, ""))
     no_core_dumps()

@@ -1,4 +1,4 @@
-"""What the coordinator knows of one photo folder: how far it is, what was tried, what is to be said."""
+"""State of one photo folder in the coordinator: how far it is, what was tried, what is to be reported."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class FolderState:
     outputs : dict
         What the last task said at its end, see `engine.core.events.Finished`.
     seconds, cpu_seconds : float
-        Sum over its tasks; killed ones do not say what they took.
+        Sum over its tasks; killed ones do not report their cost.
     shipped_bytes : int
     busy_since : float or None
         When another job was first found working in it.

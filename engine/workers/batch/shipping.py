@@ -20,12 +20,12 @@ Files = dict[str, tuple[int, bytes]]
 """Name relative to the folder, with slashes: time of change in nanoseconds, and content."""
 
 _STAY = ("lock", "checkpoints", "log.jsonl")
-"""What of a project stays where it is."""
+"""Files of a project that are not sent."""
 _ADVICE = "Run the batch again."
 
 
 class Bundle(TypedDict):
-    """What is sent with a task."""
+    """Files that are sent with a task."""
 
     photos: Files
     project: Files

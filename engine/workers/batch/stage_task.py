@@ -1,4 +1,4 @@
-"""What a worker does: one stage of one folder, or one other command, by the engine as a child process.
+"""The task of a worker: one stage of one folder, or one other command, by the engine as a child process.
 
 Answers are plain values, no errors. Whatever goes wrong with the engine is part of the answer; the coordinator decides
 whether another worker tries again.

@@ -1,4 +1,4 @@
-"""What became of a batch: as text, as JSON values, and as one HTML page."""
+"""Result of a batch: as text, as JSON values, and as one HTML page."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def summary_page(folders: Sequence[FolderState], notes: Sequence[str], seconds: 
         _, *cells = _row(one)
         name: Html = fill("{}", one.name)
         if "report" in one.done:
-            # Relative: the page lies beside the projects.
+            # Relative: the page is in the folder of the projects.
             name = fill('<a href="{}">{}</a>', f"{quote(one.name)}/report/report.html", one.name)
         rows.append(fill("<tr>{}</tr>", joined(fill("<td>{}</td>", cell) for cell in (name, *cells))))
     said = joined(fill("<li>{}</li>", sentence) for sentence in _sentences(folders, notes))

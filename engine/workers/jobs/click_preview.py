@@ -146,22 +146,22 @@ class ClickPreview:
             return
         assert self._process.stdin is not None
         question, self._waiting = self._waiting, None
-        with contextlib.suppress(OSError):  # It has ended, which `_read` tells.
+        with contextlib.suppress(OSError):  # It has ended, which `_read` reports.
             self._process.stdin.write(f"{question}\n")
             self._process.stdin.flush()
             self._is_asked = True
 
     def _read(self, lines: IO[str]) -> None:
-        told = False
+        has_error = False
         with lines:
             for line in lines:
                 event = events.from_json_line(line)
                 if isinstance(event, events.Finished):
                     self._answers.put(_answer(event.outputs))
                 elif isinstance(event, events.ErrorEvent):
-                    told = True
+                    has_error = True
                     self._answers.put(ClickAnswer("", {}, event.message))
-        if not told:
+        if not has_error:
             self._answers.put(ClickAnswer("", {}, "The engine stopped showing what clicks mean. Click Object again."))
 
 

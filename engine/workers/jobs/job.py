@@ -265,7 +265,7 @@ class Job:
         return self._process is None
 
     def mark_taken(self) -> None:
-        """Record that the user knows how the job ended, so that it is not told again after Blender was closed.
+        """Record that the user knows how the job ended, so that it is not reported again after Blender was closed.
 
         Raises
         ------
@@ -287,7 +287,7 @@ class Job:
         DiskError
             When the folder of the job cannot be written.
         EnvironmentProblem
-            When the system does not tell whether the process is still this job, so that it cannot be killed.
+            When the system does not report whether the process is still this job, so that it cannot be killed.
         """
         if self.poll().running:
             try:
@@ -298,7 +298,7 @@ class Job:
                 ) from error
             if self._runs() is None:
                 raise EnvironmentProblem(
-                    f"The job on {self.subject} was asked to stop. The system does not tell whether process "
+                    f"The job on {self.subject} was asked to stop. The system does not report whether process "
                     f"{self._pid} is still this job: if it goes on, end it with the system's own tools."
                 )
             self._kill_at = time.monotonic() + grace_seconds
@@ -359,7 +359,7 @@ class Job:
         return self._recognised
 
     def _runs(self) -> bool | None:
-        """Return whether the process is still this job; None when the system does not tell."""
+        """Return whether the process is still this job; None when the system does not report it."""
         if self._process is not None:
             return self._process.poll() is None
         return process_runs(self._pid, self.command, self.folder, self._started)

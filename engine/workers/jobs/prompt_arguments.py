@@ -60,7 +60,7 @@ def text_arguments(prompt: str, name: str = "", camera: PinholeCamera | None = N
     prompt : str
     name : str
     camera : PinholeCamera, optional
-        Where the user looks from, in the normalised world: left and right are those of this view.
+        Where the user looks from, in the normalised world: left and right refer to this view.
 
     Raises
     ------

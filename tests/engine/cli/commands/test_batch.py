@@ -25,7 +25,7 @@ def test_device_that_is_asked_for_is_passed_on(
         asked.append(settings.arguments)
         raise Cancelled("Stopped.")
 
-    monkeypatch.setattr(engine.batch, "run_batch", refuse)
+    monkeypatch.setattr(engine.workers.batch, "run_batch", refuse)
     for more in ([], ["--device", "cpu"]):
         assert call(capsys, "batch", tmp_path, "--out", tmp_path / "out", *more).error == "Stopped."
     assert asked == [("--preset=standard",), ("--preset=standard", "--device=cpu")]

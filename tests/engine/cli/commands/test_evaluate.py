@@ -34,7 +34,8 @@ def test_table_is_told_and_written_and_the_project_untouched(
         "| mean of 1 objects | found | IoU",
         "| paper | 1 of 1 |",
         "| better, 2 views | 1 of 1 |",
-        "| blue ball | better | 2 |",
+        "| object | views | paper | better |",
+        "| blue ball | 2 | ",
     ):
         assert line in finished["message"] and line in doc.read_text(encoding="utf-8")
     command = (

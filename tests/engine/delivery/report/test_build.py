@@ -267,7 +267,7 @@ def test_report_of_a_stage_that_was_continued_does_not_judge_its_forecast(projec
     beside = {"beside": {"seconds": 42.0, "n_kept": 0, "peak_memory": 1_800_000_000, "problem": ""}}
     project.finish_stage("masks", "key", wall_seconds=0.1, cpu_seconds=9.0, figures=beside, peak_memory=500_000_000)
     text = read(build_report(project)).text
-    assert "0.1 s after 42 s beside the cameras" in text and "1.80 GB" in text
+    assert "0.1 s after 42 s while the cameras were estimated" in text and "1.80 GB" in text
 
 
 def test_picture_of_several_presets_shows_what_was_measured() -> None:

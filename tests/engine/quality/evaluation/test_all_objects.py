@@ -66,7 +66,7 @@ def test_results_are_sorted_into_objects_ignored_unseen_and_false(
     red, blue = found.rows
     assert red.iou < 0.5 and figures.iou == pytest.approx((red.iou + blue.iou) / 2)
     table = markdown(found)
-    assert "| better | 1 of 2 |" in table and "| thing 1 | better | 0.80 | **false** |" in table
+    assert "| better | 1 of 2 |" in table and "thing 1 0.80 (false), " in table
 
 
 def test_a_result_counts_for_one_object_only(

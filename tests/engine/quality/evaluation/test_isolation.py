@@ -53,7 +53,7 @@ def test_text_that_finds_nothing_counts_0_and_says_why(evaluate, blobs: BlobScen
     assert not unicorn.found and (unicorn.iou, unicorn.boundary_iou, unicorn.holes) == (0.0, 0.0, 1.0)
     assert math.isnan(unicorn.psnr) and math.isnan(unicorn.halo) and unicorn.gaussian_iou == 0.0
     table = markdown(found)
-    assert "| unicorn | paper | **no** | refused | 0.0 |" in table and "'unicorn' is not known" in table
+    assert "| unicorn | **refused** |" in table and "'unicorn' is not known" in table
     assert f"| paper | 1 of 2 | {50 * ball.iou:.1f} |" in table
 
 

@@ -248,7 +248,7 @@ def test_unknown_process_is_not_ended(script: Script, tmp_path: Path, monkeypatc
     monkeypatch.setattr(jobs, "process_runs", lambda *_: None)
     again = jobs.Job.attach(tmp_path / "job")
     assert again.poll().running
-    with pytest.raises(errors.EnvironmentProblem, match="does not tell whether process"):
+    with pytest.raises(errors.EnvironmentProblem, match="does not report whether process"):
         again.cancel(grace_seconds=0.0)
     assert again.poll().running and job.poll().running
     job.cancel(grace_seconds=0.0)
