@@ -71,9 +71,9 @@ def test_every_example_is_a_known_word() -> None:
     ("file", "text"),
     [
         ("README.md", "vase, teapot"),
-        ("engine/cli/main/main.py", "vase, teapot"),
-        ("engine/cli/main/commands/segment.py", "vase, teapot"),
-        ("engine/cli/main/commands/scene_options.py", "vase, teapot"),
+        ("engine/cli/main.py", "vase, teapot"),
+        ("engine/cli/commands/segment.py", "vase, teapot"),
+        ("engine/cli/commands/scene_options.py", "vase, teapot"),
         ("engine/serve/page/src/views/objects.js", "vase, teapot"),
         ("gaussian_heritage_addon/panels/objects_panel.py", "vase, teapot"),
         ("gaussian_heritage_addon/language/german_tooltips.py", "vase, teapot"),
