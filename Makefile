@@ -82,7 +82,7 @@ kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes doc
 	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
 
 batch-faults: setup ## killed workers, lost schedulers, full disks and other faults of a batch; 3 minutes
-	$(ENGINE) -m pytest -q tests/engine/batch
+	$(ENGINE) -m pytest -q tests/engine/workers/batch
 
 bench-batch: setup ## cost of a batch, and workers killed at random moments, into docs/batch.md; 40 minutes of two free cores
 	$(ENGINE) -m benchmarks.batch speed --doc docs/batch.md
@@ -119,10 +119,10 @@ zip: page ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
 
 offline-bundle: setup ## dist/gaussian_heritage_offline.zip: sets up the engine without a network; SYSTEM=windows|macos|linux PYTHON_VERSION=3.11
-	$(ENGINE) -m engine.installation bundle dist/gaussian_heritage_offline$(if $(SYSTEM),_$(SYSTEM)).zip \
+	$(ENGINE) -m engine.install.environment bundle dist/gaussian_heritage_offline$(if $(SYSTEM),_$(SYSTEM)).zip \
 		$(if $(SYSTEM),--system $(SYSTEM)) $(if $(PYTHON_VERSION),--python-version $(PYTHON_VERSION))
 
-dist/gaussian_heritage_offline.zip: $(wildcard engine/installation/locked-*.txt)
+dist/gaussian_heritage_offline.zip: $(wildcard engine/install/environment/locked-*.txt)
 	$(MAKE) offline-bundle
 
 window-test: setup dist/gaussian_heritage_offline.zip ## the way of a curator in a real Blender window; needs root, debootstrap and 5 GB; 15 minutes

@@ -3,7 +3,7 @@
 
 def register() -> None:
     """Add operators, panels and preferences to Blender."""
-    from . import gaussian_heritage_addon, operators
+    from .. import gaussian_heritage_addon, operators
 
     gaussian_heritage_addon.register()
     operators.register()
@@ -11,7 +11,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Remove them from Blender."""
-    from . import gaussian_heritage_addon, operators
+    from .. import gaussian_heritage_addon, operators
 
     operators.unregister()
     gaussian_heritage_addon.unregister()

@@ -13,9 +13,9 @@ import platform
 from pathlib import Path
 from typing import Any
 
-from engine.files import atomic_write
-from engine.project_folder import ProjectFolder
-from engine.system import describe_machine
+from engine.core.files import atomic_write
+from engine.core.system import describe_machine
+from engine.project.folder import ProjectFolder
 
 _HEAD = (
     "| photo set | stage | forecast s | measured s | measured / forecast "

@@ -26,7 +26,7 @@ from torch.nn import functional
 from benchmarks.gpu import HEIGHT, WIDTH, camera, has_cuda, scene
 from benchmarks.gpu_step import CASES, ROUNDS, SETTINGS, STEPS, segments
 from benchmarks.training.screening.gsplat_raster import ssim
-from engine.files import write_json
+from engine.core.files import write_json
 from engine.formats import SH_C0
 from engine.training.losses import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, N_NEIGHBOURS
 

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 
 from benchmarks.gpu import HEIGHT, WIDTH, camera, scene
-from engine.files import write_json
+from engine.core.files import write_json
 from engine.rasterizer.gpu import (
     ClusteringSample,
     GpuParameters,

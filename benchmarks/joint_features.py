@@ -19,17 +19,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from engine.bench.prepared import prepare, prepare_masks, train_prepared
 from engine.cameras.settings import CameraSettings
-from engine.evaluation import INTRODUCTION, MEANINGS, evaluate_project, mean_of, write_section
-from engine.evaluation.settings import MARKS, EvaluationSettings
-from engine.events import ignore_events, never_stop
-from engine.files import atomic_write
-from engine.grounding import load_default_detector
+from engine.core.events import ignore_events, never_stop
+from engine.core.files import atomic_write
 from engine.masks import load_default_sam
-from engine.pipeline import PipelineSettings
-from engine.planning import PlanSettings, WorkPlan, plan_work
-from engine.project_folder import ProjectFolder
+from engine.objects.grounding import load_default_detector
+from engine.pipeline.planning import PlanSettings, WorkPlan, plan_work
+from engine.pipeline.reconstruct import PipelineSettings
+from engine.project.folder import ProjectFolder
+from engine.quality.bench.prepared import prepare, prepare_masks, train_prepared
+from engine.quality.evaluation import INTRODUCTION, MEANINGS, evaluate_project, mean_of, write_section
+from engine.quality.evaluation.settings import MARKS, EvaluationSettings
 from engine.training.settings import PRESETS, TrainingSettings
 
 _MARK = MARKS["in sample"]

@@ -18,13 +18,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.evaluation.ground_truth import read_ground_truth
-from engine.events import Event, Progress, never_stop
-from engine.files import file_sha256
+from engine.core.events import Event, Progress, never_stop
+from engine.core.files import file_sha256
+from engine.core.system import cpu_seconds
 from engine.masks import label_map_path, load_default_sam, make_masks, read_label_map
 from engine.masks.settings import PRESETS
+from engine.quality.evaluation.ground_truth import read_ground_truth
 from engine.scene import Photo, PhotoSet
-from engine.system import cpu_seconds
 
 _MIN_PIXELS = 150
 """Smaller true masks are not counted."""

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from engine.cameras import read_cameras
-from engine.events import ignore_events, never_stop
+from engine.core.events import ignore_events, never_stop
 from engine.photos import read_photos
 from engine.photos.settings import PhotoSettings
 from engine.training import load_views, start_gaussians, train

@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.evaluation import write_section
+from engine.core.system import describe_machine
+from engine.delivery.packages import verify_package, write_package
+from engine.delivery.packages.bag import write_bag
+from engine.delivery.records import EXAMPLE_ADDRESS
 from engine.objects import list_objects
-from engine.packages import verify_package, write_package
-from engine.packages.bag import write_bag
-from engine.project_folder import ProjectFolder
-from engine.records import EXAMPLE_ADDRESS
-from engine.system import describe_machine
+from engine.project.folder import ProjectFolder
+from engine.quality.evaluation import write_section
 
 TITLE = "Measured"
 N_ROUNDS = 7

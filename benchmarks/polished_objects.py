@@ -23,16 +23,16 @@ import numpy as np
 import torch
 
 from engine.cameras import undistort
-from engine.evaluation import read_ground_truth, write_section
-from engine.evaluation.settings import MARKS
-from engine.events import never_stop
-from engine.gaussians import load_gaussians
+from engine.core.events import never_stop
 from engine.objects import View, Views, erode_mask, list_objects, load_membership, polish
 from engine.objects.settings import BETTER
 from engine.photos import load_pixels
 from engine.pictures import Scene
-from engine.project_folder import ProjectFolder
+from engine.project.folder import ProjectFolder
+from engine.quality.evaluation import read_ground_truth, write_section
+from engine.quality.evaluation.settings import MARKS
 from engine.scene import Camera, Gaussians, read_camera_set
+from engine.training import load_gaussians
 
 _DEMO = Path("demo")
 _STEPS = (0, 25, 50, 100, 200, 400, 800)

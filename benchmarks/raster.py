@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.files import atomic_write
+from engine.core.files import atomic_write
 
 from .opensplat import StepTimes, compare_steps
 

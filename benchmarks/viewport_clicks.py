@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.evaluation import GroundTruth, read_ground_truth, write_section
-from engine.evaluation.gaussian_truth import gaussian_truth
-from engine.events import never_stop
-from engine.gaussians import load_gaussians
+from engine.core.events import never_stop
 from engine.objects import list_objects, load_membership
 from engine.pictures import Scene
+from engine.quality.evaluation import GroundTruth, read_ground_truth, write_section
+from engine.quality.evaluation.gaussian_truth import gaussian_truth
 from engine.scene import Camera, Gaussians, RayCaster, photo_ray, read_camera_set
+from engine.training import load_gaussians
 
 from .security.reader import addon
 

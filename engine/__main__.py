@@ -13,14 +13,14 @@ def start() -> int:
     if sys.version_info < (3, 11):  # noqa: UP036 users may choose any Python
         print(f"Error: {sys.executable} is too old: the engine needs Python 3.11 or newer.", file=sys.stderr)
         return 1
-    from .system import signals_held_back
+    from .core.system import signals_held_back
 
     try:
         # The threads of NumPy start here, and must not take the signals of the main thread; see `cli`.
         with signals_held_back():
-            from .cli import main
+            from .cli.main import main
     except ModuleNotFoundError as error:
-        from .doctor import missing_package
+        from .cli.doctor import missing_package
 
         print(f"Error: {missing_package(error.name)}", file=sys.stderr)
         return 1

@@ -2,27 +2,13 @@
 
 import bpy
 
-from . import (
-    display_settings,
-    edited_splats,
-    following,
-    guards,
-    job_runner,
-    object_state,
-    open_projects,
-    panels,
-    pictures,
-    preferences_page,
-    preset_times,
-    problems,
-    project_history,
-    properties,
-    solid_mode,
-    splat_view,
-    translations,
-    view_selection,
-)
-from .preferences import user_folder
+from .blender import guards, problems
+from .jobs import job_runner, preset_times
+from .language import translations
+from .panels import panels, preferences_page
+from .project import following, object_state, open_projects, pictures, project_history
+from .setup.preferences import user_folder
+from .splats import display_settings, edited_splats, properties, solid_mode, splat_view, view_selection
 
 __all__ = ["register", "unregister"]
 

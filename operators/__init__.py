@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..gaussian_heritage_addon import guards
+from ..gaussian_heritage_addon.blender import guards
 from . import (
     accept_candidate,
     cancel_job,

@@ -7,8 +7,8 @@ from typing import Annotated
 import bpy
 from bpy.props import IntProperty, StringProperty
 
-from ..engine.jobs import name_arguments
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..engine.workers.jobs import name_arguments
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from .segmenting import SegmentOperator
 
 __all__ = ["CLASSES"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..gaussian_heritage_addon import job_runner
+from ..gaussian_heritage_addon.jobs import job_runner
 
 __all__ = ["CLASSES"]
 

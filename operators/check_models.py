@@ -7,10 +7,10 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty
 
-from ..engine.errors import ModelFileError
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.model_files import problems_of
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..engine.core.errors import ModelFileError
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs import job_runner
+from ..gaussian_heritage_addon.setup.model_files import problems_of
 
 __all__ = ["CLASSES"]
 

@@ -8,15 +8,15 @@ import bpy
 from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty
 
-from ..engine.errors import HeritageError, ObjectError
-from ..engine.jobs import Click
-from ..gaussian_heritage_addon.click_masks import ClickMasks
-from ..gaussian_heritage_addon.click_session import CONFIRM_KEYS, ClickSession, EventResult
-from ..gaussian_heritage_addon.clicking import Viewport
-from ..gaussian_heritage_addon.problems import sentence_of
-from ..gaussian_heritage_addon.properties import active_object, set_active_object
-from ..gaussian_heritage_addon.translations import translated
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..engine.core.errors import HeritageError, ObjectError
+from ..engine.workers.jobs import Click
+from ..gaussian_heritage_addon.blender.problems import sentence_of
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs.click_masks import ClickMasks
+from ..gaussian_heritage_addon.jobs.click_session import CONFIRM_KEYS, ClickSession, EventResult
+from ..gaussian_heritage_addon.language.translations import translated
+from ..gaussian_heritage_addon.project.clicking import Viewport
+from ..gaussian_heritage_addon.splats.properties import active_object, set_active_object
 from .segmenting import SegmentOperator
 from .view_tool import ViewTool, end_active_tool
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.native_splats import copy_as_native, is_native
-from ..gaussian_heritage_addon.placement import placement_properties
-from ..gaussian_heritage_addon.properties import heritage_objects, record_of
-from ..gaussian_heritage_addon.splats import SplatScene
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.project.placement import placement_properties
+from ..gaussian_heritage_addon.splats.native_splats import copy_as_native, is_native
+from ..gaussian_heritage_addon.splats.properties import heritage_objects, record_of
+from ..gaussian_heritage_addon.splats.splats import SplatScene
 
 __all__ = ["CLASSES"]
 

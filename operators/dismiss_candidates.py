@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.refused_prompts import dismiss
-from ..gaussian_heritage_addon.properties import project_of
+from ..engine.project.refused_prompts import dismiss
+from ..gaussian_heritage_addon.splats.properties import project_of
 
 __all__ = ["CLASSES"]
 

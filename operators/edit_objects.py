@@ -10,10 +10,10 @@ import numpy as np
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.floaters import find_floaters
-from ..gaussian_heritage_addon.hand_edits import (
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs import job_runner
+from ..gaussian_heritage_addon.project.hand_edits import (
     add_rows,
     delete_object,
     merge_objects,
@@ -22,8 +22,9 @@ from ..gaussian_heritage_addon.hand_edits import (
     take_vertices,
     whole_of,
 )
-from ..gaussian_heritage_addon.not_stored import store_arguments
-from ..gaussian_heritage_addon.properties import (
+from ..gaussian_heritage_addon.project.not_stored import store_arguments
+from ..gaussian_heritage_addon.splats.floaters import find_floaters
+from ..gaussian_heritage_addon.splats.properties import (
     active_object,
     apply_blending,
     apply_visibility,
@@ -32,8 +33,7 @@ from ..gaussian_heritage_addon.properties import (
     scene_count,
     set_active_object,
 )
-from ..gaussian_heritage_addon.splats import SplatScene
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.splats.splats import SplatScene
 from .needing_project import is_project_open
 
 __all__ = ["CLASSES"]

@@ -10,15 +10,15 @@ import numpy as np
 from bpy.props import CollectionProperty, EnumProperty
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError, PromptError
+from ..engine.core.errors import ObjectError, PromptError
 from ..engine.formats import transform_gaussians
-from ..gaussian_heritage_addon.hand_edits import add_rows, take_vertices, whole_of
-from ..gaussian_heritage_addon.properties import HeritageClick, active_object, scene_count
-from ..gaussian_heritage_addon.region_selection import View, in_region
-from ..gaussian_heritage_addon.splats import SplatScene
-from ..gaussian_heritage_addon.typed_properties import blender_properties
-from ..gaussian_heritage_addon.visible_splats import sight_of_photo, sight_of_viewport
-from ..gaussian_heritage_addon.world_placement import world_matrix
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.world_placement import world_matrix
+from ..gaussian_heritage_addon.project.hand_edits import add_rows, take_vertices, whole_of
+from ..gaussian_heritage_addon.project.visible_splats import sight_of_photo, sight_of_viewport
+from ..gaussian_heritage_addon.splats.properties import HeritageClick, active_object, scene_count
+from ..gaussian_heritage_addon.splats.region_selection import View, in_region
+from ..gaussian_heritage_addon.splats.splats import SplatScene
 from .needing_project import is_project_open
 from .path_drawing import PathOperator
 

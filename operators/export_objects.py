@@ -11,8 +11,11 @@ from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.export import (
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.blender.drawn_text import draw_text
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.language.translations import translated
+from ..gaussian_heritage_addon.project.export import (
     FORMATS,
     ExportOptions,
     can_be_exported,
@@ -22,10 +25,7 @@ from ..gaussian_heritage_addon.export import (
     export_splats,
     export_together,
 )
-from ..gaussian_heritage_addon.layouts import draw_text
-from ..gaussian_heritage_addon.properties import heritage_objects
-from ..gaussian_heritage_addon.translations import translated
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.splats.properties import heritage_objects
 
 __all__ = ["CLASSES"]
 

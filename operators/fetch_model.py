@@ -7,11 +7,11 @@ from typing import Annotated
 import bpy
 from bpy.props import StringProperty
 
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.layouts import draw_text
-from ..gaussian_heritage_addon.model_files import fetch_arguments, find_model
-from ..gaussian_heritage_addon.preferences import model_folder
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.drawn_text import draw_text
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs import job_runner
+from ..gaussian_heritage_addon.setup.model_files import fetch_arguments, find_model
+from ..gaussian_heritage_addon.setup.preferences import model_folder
 
 __all__ = ["CLASSES"]
 

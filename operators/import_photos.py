@@ -11,13 +11,13 @@ import bpy
 from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 
-from ..engine.errors import PhotoError
+from ..engine.core.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
-from ..engine.project_content import default_project_folder
+from ..engine.project.content import default_project_folder
 from ..engine.training.settings import PRESET_LIST
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.preset_choice import PHOTO_SUFFIXES, draw_presets
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs import job_runner
+from ..gaussian_heritage_addon.panels.preset_choice import PHOTO_SUFFIXES, draw_presets
 from .dropped_files import DroppedIntoView
 
 __all__ = ["CLASSES"]

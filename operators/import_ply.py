@@ -10,10 +10,10 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..engine.formats import READ_SUFFIXES, Up
-from ..gaussian_heritage_addon.new_objects import show_imported
-from ..gaussian_heritage_addon.render_settings import is_untouched, set_up_render
-from ..gaussian_heritage_addon.scene_file import add_other_file
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.project.new_objects import show_imported
+from ..gaussian_heritage_addon.project.scene_file import add_other_file
+from ..gaussian_heritage_addon.splats.render_settings import is_untouched, set_up_render
 from .dropped_files import DroppedIntoView
 
 __all__ = ["CLASSES"]

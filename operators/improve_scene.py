@@ -8,16 +8,16 @@ from typing import Annotated
 import bpy
 from bpy.props import EnumProperty
 
-from ..engine.errors import SettingsError
-from ..engine.jobs import format_seconds
-from ..engine.project_content import list_objects
-from ..engine.reconstruction_input import better_preset, read_input, repeat_arguments, texts_of_objects
+from ..engine.core.errors import SettingsError
+from ..engine.pipeline.reconstruction_input import better_preset, read_input, repeat_arguments, texts_of_objects
+from ..engine.project.content import list_objects
 from ..engine.training.settings import PRESET_LIST
-from ..gaussian_heritage_addon import job_runner, preset_times
-from ..gaussian_heritage_addon.layouts import draw_text
-from ..gaussian_heritage_addon.properties import heritage_objects, project_of
-from ..gaussian_heritage_addon.translations import translated
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..engine.workers.jobs import format_seconds
+from ..gaussian_heritage_addon.blender.drawn_text import draw_text
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs import job_runner, preset_times
+from ..gaussian_heritage_addon.language.translations import translated
+from ..gaussian_heritage_addon.splats.properties import heritage_objects, project_of
 from .needing_project import is_project_open
 
 __all__ = ["CLASSES"]

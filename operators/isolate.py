@@ -8,11 +8,11 @@ from typing import Annotated
 import bpy
 from bpy.props import CollectionProperty, FloatProperty, StringProperty
 
-from ..engine.errors import PromptError
-from ..engine.jobs import Click, click_arguments, text_arguments
-from ..gaussian_heritage_addon.properties import HeritageClick
-from ..gaussian_heritage_addon.typed_properties import blender_properties
-from ..gaussian_heritage_addon.visible_splats import viewport_camera
+from ..engine.core.errors import PromptError
+from ..engine.workers.jobs import Click, click_arguments, text_arguments
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.project.visible_splats import viewport_camera
+from ..gaussian_heritage_addon.splats.properties import HeritageClick
 from .segmenting import SegmentOperator, clicks_of
 
 __all__ = ["CLASSES"]

@@ -7,8 +7,8 @@ from typing import Annotated
 import bpy
 from bpy.props import IntProperty, StringProperty
 
-from ..gaussian_heritage_addon.cameras import look_through
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.project.cameras import look_through
 
 __all__ = ["CLASSES"]
 

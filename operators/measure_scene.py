@@ -12,18 +12,18 @@ from bpy.app.translations import pgettext_n
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, IntProperty
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError, SettingsError
+from ..engine.core.errors import ObjectError, SettingsError
 from ..engine.scene import MeasuredDistance, Measurement, Point
-from ..gaussian_heritage_addon.measuring import (
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.world_placement import world_matrix
+from ..gaussian_heritage_addon.project.measuring import (
     add_ruler,
     current_measurement,
     measure,
     scene_points,
 )
-from ..gaussian_heritage_addon.properties import HeritageClick, heritage_objects, project_of
-from ..gaussian_heritage_addon.typed_properties import blender_properties
-from ..gaussian_heritage_addon.visible_splats import SplatsInView, sight_of_photo
-from ..gaussian_heritage_addon.world_placement import world_matrix
+from ..gaussian_heritage_addon.project.visible_splats import SplatsInView, sight_of_photo
+from ..gaussian_heritage_addon.splats.properties import HeritageClick, heritage_objects, project_of
 from .needing_project import is_project_open
 from .view_clicking import ViewClickOperator
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..gaussian_heritage_addon.moved_projects import is_missing
-from ..gaussian_heritage_addon.translations import translated
+from ..gaussian_heritage_addon.language.translations import translated
+from ..gaussian_heritage_addon.project.moved_projects import is_missing
 
 __all__ = ["is_project_open"]
 

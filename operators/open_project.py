@@ -8,16 +8,17 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from ..engine.errors import ProjectError
-from ..engine.project_content import scene_file
-from ..gaussian_heritage_addon import open_projects, problems
-from ..gaussian_heritage_addon.first_view import show_scene
-from ..gaussian_heritage_addon.moved_projects import is_missing, relink, relink_scene_of
-from ..gaussian_heritage_addon.project_history import look_again
-from ..gaussian_heritage_addon.properties import project_of
-from ..gaussian_heritage_addon.results import scene_for
-from ..gaussian_heritage_addon.scene_file import open_project
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..engine.core.errors import ProjectError
+from ..engine.project.content import scene_file
+from ..gaussian_heritage_addon.blender import problems
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs.results import scene_for
+from ..gaussian_heritage_addon.project import open_projects
+from ..gaussian_heritage_addon.project.first_view import show_scene
+from ..gaussian_heritage_addon.project.moved_projects import is_missing, relink, relink_scene_of
+from ..gaussian_heritage_addon.project.project_history import look_again
+from ..gaussian_heritage_addon.project.scene_file import open_project
+from ..gaussian_heritage_addon.splats.properties import project_of
 
 __all__ = ["CLASSES"]
 

@@ -7,8 +7,8 @@ from typing import Annotated
 import bpy
 from bpy.props import IntProperty
 
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs import job_runner
 
 __all__ = ["CLASSES"]
 

@@ -12,8 +12,8 @@ from bpy.props import EnumProperty
 from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
-from ..gaussian_heritage_addon.translations import translated
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.language.translations import translated
 from .view_tool import ViewTool
 
 __all__ = ["PathOperator"]

@@ -10,15 +10,15 @@ from bpy.app.translations import pgettext_n
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.properties import set_active_object
-from ..gaussian_heritage_addon.typed_properties import blender_properties
-from ..gaussian_heritage_addon.visible_splats import (
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.project.visible_splats import (
     SplatsInView,
     cameras_of,
     photo_of_point,
     sight_of_photo,
 )
+from ..gaussian_heritage_addon.splats.properties import set_active_object
 from .view_clicking import ViewClickOperator
 
 __all__ = ["CLASSES"]

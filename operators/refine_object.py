@@ -8,11 +8,11 @@ from typing import Annotated
 import bpy
 from bpy.props import CollectionProperty, IntProperty, StringProperty
 
-from ..engine.errors import ObjectError
-from ..engine.jobs import refine_arguments
-from ..gaussian_heritage_addon.hand_edits import edited_objects
-from ..gaussian_heritage_addon.properties import HeritageClick, active_object
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..engine.core.errors import ObjectError
+from ..engine.workers.jobs import refine_arguments
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.project.hand_edits import edited_objects
+from ..gaussian_heritage_addon.splats.properties import HeritageClick, active_object
 from .segmenting import SegmentOperator, clicks_of
 
 __all__ = ["CLASSES"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..gaussian_heritage_addon.default_objects import untouched_defaults
+from ..gaussian_heritage_addon.blender.default_objects import untouched_defaults
 
 __all__ = ["CLASSES"]
 

@@ -6,9 +6,9 @@ import sys
 
 import bpy
 
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.folder_size import folder_bytes
-from ..gaussian_heritage_addon.installation import installed_engine, remove_command
+from ..gaussian_heritage_addon.blender.folder_size import folder_bytes
+from ..gaussian_heritage_addon.jobs import job_runner
+from ..gaussian_heritage_addon.setup.installation import installed_engine, remove_command
 
 __all__ = ["CLASSES"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..gaussian_heritage_addon.render_settings import restore_settings, set_up_render
+from ..gaussian_heritage_addon.splats.render_settings import restore_settings, set_up_render
 
 __all__ = ["CLASSES"]
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.jobs import Click
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.preferences import sam_arguments
-from ..gaussian_heritage_addon.properties import heritage_objects, project_of
+from ..engine.workers.jobs import Click
+from ..gaussian_heritage_addon.jobs import job_runner
+from ..gaussian_heritage_addon.setup.preferences import sam_arguments
+from ..gaussian_heritage_addon.splats.properties import heritage_objects, project_of
 from .needing_project import is_project_open
 
 __all__ = ["SegmentOperator", "clicks_of", "replaced_background"]

@@ -7,10 +7,10 @@ from typing import Annotated
 import bpy
 from bpy.props import StringProperty
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.new_objects import show_new_objects
-from ..gaussian_heritage_addon.properties import heritage_objects
-from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.project.new_objects import show_new_objects
+from ..gaussian_heritage_addon.splats.properties import heritage_objects
 
 __all__ = ["CLASSES"]
 

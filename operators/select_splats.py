@@ -13,10 +13,10 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.typed_properties import blender_properties
-from ..gaussian_heritage_addon.view_selection import hides_splats, object_seen, objects_within, selectable_splats
-from ..gaussian_heritage_addon.visible_splats import sight_of_viewport
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.project.visible_splats import sight_of_viewport
+from ..gaussian_heritage_addon.splats.view_selection import hides_splats, object_seen, objects_within, selectable_splats
 from .path_drawing import PathOperator
 
 __all__ = ["CLASSES"]

@@ -6,10 +6,10 @@ import sys
 
 import bpy
 
-from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.installation import describe, install_command
-from ..gaussian_heritage_addon.layouts import draw_text
-from ..gaussian_heritage_addon.preferences import set_up_options
+from ..gaussian_heritage_addon.blender.drawn_text import draw_text
+from ..gaussian_heritage_addon.jobs import job_runner
+from ..gaussian_heritage_addon.setup.installation import describe, install_command
+from ..gaussian_heritage_addon.setup.preferences import set_up_options
 
 __all__ = ["CLASSES"]
 

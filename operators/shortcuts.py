@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ..gaussian_heritage_addon.guards import Timer, add_load_handler, remove_handler
+from ..gaussian_heritage_addon.blender.guards import Timer, add_load_handler, remove_handler
 
 __all__ = ["SHORTCUTS", "register", "unregister"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.errors import ProjectError
-from ..engine.project_content import is_project, report_file
-from ..gaussian_heritage_addon.properties import project_of
+from ..engine.core.errors import ProjectError
+from ..engine.project.content import is_project, report_file
+from ..gaussian_heritage_addon.splats.properties import project_of
 
 __all__ = ["CLASSES"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.properties import active_object, apply_visibility, heritage_objects
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.splats.properties import active_object, apply_visibility, heritage_objects
 
 __all__ = ["CLASSES"]
 

@@ -8,10 +8,10 @@ import numpy as np
 from bpy.app.translations import pgettext_n
 from numpy.typing import NDArray
 
-from ..engine.errors import HeritageError
-from ..gaussian_heritage_addon.problems import sentence_of
-from ..gaussian_heritage_addon.translations import translated
-from ..gaussian_heritage_addon.visible_splats import sight_of_viewport
+from ..engine.core.errors import HeritageError
+from ..gaussian_heritage_addon.blender.problems import sentence_of
+from ..gaussian_heritage_addon.language.translations import translated
+from ..gaussian_heritage_addon.project.visible_splats import sight_of_viewport
 from .needing_project import is_project_open
 from .view_tool import ViewTool
 

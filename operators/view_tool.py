@@ -8,9 +8,9 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_n
 
-from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
-from ..gaussian_heritage_addon.translations import translated
+from ..engine.core.errors import ObjectError
+from ..gaussian_heritage_addon.blender.guards import add_draw_handler, remove_draw_handler
+from ..gaussian_heritage_addon.language.translations import translated
 
 __all__ = ["ViewTool", "end_active_tool"]
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from places import PACKAGES, ROOT, python_of
 
 sys.path.insert(0, str(ROOT))
-from engine.system import replace_file  # noqa: E402 it imports the standard library alone
+from engine.core.system import replace_file  # noqa: E402 it imports the standard library alone
 
 MAX_BYTES = 3_000_000
 """Largest size of the zip. The extension is code only, so a larger zip contains a file that does not belong in it."""

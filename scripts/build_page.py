@@ -1,6 +1,6 @@
 """Build the page of the web server with npm, into ``engine/serve/page/dist``, and the page of exported scenes.
 
-Nothing is done when both are up to date. The second goes into ``engine/packages/viewer_files``.
+Nothing is done when both are up to date. The second goes into ``engine/delivery/packages/viewer_files``.
 
 Runs in the engine's environment: ``make page`` calls it.
 
@@ -20,16 +20,16 @@ from pathlib import Path
 from places import ROOT
 
 sys.path.insert(0, str(ROOT))
-from engine.errors import (
+from engine.core.errors import (
     EnvironmentProblem,  # noqa: E402
     HeritageError,  # noqa: E402
 )
-from engine.installation import Pip, locked_arguments  # noqa: E402
+from engine.install.environment import Pip, locked_arguments  # noqa: E402
 
 PAGE = ROOT / "engine" / "serve" / "page"
 LOCKED_NODE = ROOT / "requirements" / "locked-node.txt"
 STAMP = PAGE / "dist" / "made_from.txt"
-SHOWN = ROOT / "engine" / "packages" / "viewer_files" / "show.js"
+SHOWN = ROOT / "engine" / "delivery" / "packages" / "viewer_files" / "show.js"
 
 
 def main() -> int:

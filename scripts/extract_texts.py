@@ -17,8 +17,8 @@ PRESETS = ROOT / "engine" / "training" / "settings.py"
 """Here the engine describes what a curator chooses from."""
 LANGUAGES = {
     "german": (
-        ROOT / "gaussian_heritage_addon" / "german.py",
-        ROOT / "gaussian_heritage_addon" / "german_tooltips.py",
+        ROOT / "gaussian_heritage_addon" / "language" / "german.py",
+        ROOT / "gaussian_heritage_addon" / "language" / "german_tooltips.py",
     )
 }
 _SHOWN = ("text", "title", "confirm_text", "placeholder")

@@ -1,6 +1,6 @@
 """Write ``locked-*.txt``: all packages of each environment with the SHA-256 of all their files on PyPI.
 
-Those that the engine needs are in ``engine/installation``, since Blender installs them; the others in ``requirements``.
+Those that the engine needs are in ``engine/install/environment``, since Blender installs them; the others in ``requirements``.
 
 Needs uv 0.5 or newer in PATH and the network. Standard library only. Versions that are locked already stay, unless the
 requirements ask for others or ``--upgrade`` is given. PyPI is asked whatever index is configured on this computer,
@@ -26,7 +26,7 @@ from places import BLENDERS, ROOT
 __all__ = ["main"]
 
 REQUIREMENTS = ROOT / "requirements"
-ENGINE = ROOT / "engine" / "installation"
+ENGINE = ROOT / "engine" / "install" / "environment"
 INDEX_VARIABLES = ("UV_DEFAULT_INDEX", "UV_INDEX", "UV_INDEX_URL", "UV_EXTRA_INDEX_URL", "UV_FIND_LINKS")
 ONLY_FOR_CUDA = ("nvidia-", "cuda-", "triton")
 

@@ -13,7 +13,7 @@ __all__ = ["BLENDERS", "PACKAGES", "ROOT", "blender_environments", "environment_
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
-from engine.system import program_in, python_in  # noqa: E402 it imports the standard library alone
+from engine.core.system import program_in, python_in  # noqa: E402 it imports the standard library alone
 
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 """The packages of the extension."""

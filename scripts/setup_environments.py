@@ -21,8 +21,9 @@ from pathlib import Path
 from places import BLENDERS, ROOT, environment_folder, python_of
 
 sys.path.insert(0, str(ROOT))
-from engine.errors import HeritageError  # noqa: E402 it imports the standard library alone
-from engine.installation import (  # noqa: E402 as above
+from engine.core.errors import HeritageError  # noqa: E402 it imports the standard library alone
+from engine.core.system import replace_file, run_text  # noqa: E402 as above
+from engine.install.environment import (  # noqa: E402 as above
     Pip,
     default_build,
     find_python,
@@ -31,9 +32,8 @@ from engine.installation import (  # noqa: E402 as above
     run_logged,
     torch_source,
 )
-from engine.system import replace_file, run_text  # noqa: E402 as above
 
-ENGINE_REQUIREMENTS = ROOT / "engine" / "installation"
+ENGINE_REQUIREMENTS = ROOT / "engine" / "install" / "environment"
 REQUIREMENTS = ROOT / "requirements"
 STAMP = "gaussian_heritage_setup.json"
 MIN_FREE_GB = {"cpu": 6.0, "cuda": 14.0}

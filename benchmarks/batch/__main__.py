@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from engine.system import describe_machine
+from engine.core.system import describe_machine
 
 from ..documents import put_into
 from .runs import ROOT

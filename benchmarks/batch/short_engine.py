@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from engine.batch import engine_process
+from engine.workers.batch import engine_process
 
 from ..security.kills_engine import shorten_stages
 

@@ -17,13 +17,13 @@ from pathlib import Path
 from distributed import Client, LocalCluster
 
 from engine.cameras.settings import CameraSettings
-from engine.events import ignore_events
+from engine.core.events import ignore_events
+from engine.core.system import Machine
 from engine.photos import inspect_photos, read_photos
 from engine.photos.settings import PhotoSettings
-from engine.planning.calibration import REFERENCE, Calibration
-from engine.planning.decisions import PlanSettings, WorkPlan, plan_work, training_settings
-from engine.planning.forecast import StageForecast, forecast_work
-from engine.system import Machine
+from engine.pipeline.planning.calibration import REFERENCE, Calibration
+from engine.pipeline.planning.decisions import PlanSettings, WorkPlan, plan_work, training_settings
+from engine.pipeline.planning.forecast import StageForecast, forecast_work
 
 __all__ = ["simulation_table"]
 

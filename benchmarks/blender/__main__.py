@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from engine.core.system import describe_machine
 from engine.formats import write_ply
 from engine.scene import Gaussians, read_camera_set
-from engine.system import describe_machine
 
 from .likeness import engine_picture, psnr
 from .window import ROOT, BlenderWindow, blender_environments, python_of
@@ -234,7 +234,7 @@ and at most 100,000 Gaussians.
 
 PSNR in dB of what the viewports draw at rest beside the engine's picture of the same camera, mean of two views, by the
 share of the Gaussians in view that is drawn. The share keeps those with the greatest importance: opacity times the
-square root of the mean projected area (`draw_order` in `gaussian_heritage_addon/splat_order.py`).
+square root of the mean projected area (`draw_order` in `gaussian_heritage_addon/splats/splat_order.py`).
 
 | scene | {shares} |
 | --- |{" ---: |" * len(_SHARES)}

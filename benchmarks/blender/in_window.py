@@ -88,7 +88,7 @@ def slide(count: int) -> None:
         sh=0.3 * normal(count, 4, 3),
     )
     membership = rng.random(count).astype(np.float32)
-    splats = part("gaussian_heritage_addon.splats").SplatScene.create(
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.create(
         "slid", gaussians, scene.collection, membership=membership
     )
     obj = splats.object
@@ -114,7 +114,7 @@ def import_large(file: str) -> None:
     for obj in list(bpy.context.scene.objects):
         if obj.heritage.role != "NONE":
             bpy.data.objects.remove(obj)
-    part("gaussian_heritage_addon.scene_file").add_splat_file(bpy.context.scene, Path(file), "large")
+    part("gaussian_heritage_addon.project.scene_file").add_splat_file(bpy.context.scene, Path(file), "large")
     bpy.context.scene.heritage.show = "SCENE"
     show("SPLATS")
     cost = redraw()
@@ -123,7 +123,7 @@ def import_large(file: str) -> None:
 
 def picture(photo: str, side: int, share: float, out: str) -> None:
     """Save what the shader of the viewports draws of the scene in the view of a photo."""
-    scene, view = bpy.context.scene, part("gaussian_heritage_addon.splat_view")
+    scene, view = bpy.context.scene, part("gaussian_heritage_addon.splats.splat_view")
     bpy.ops.heritage.look_through_photo(photo=photo, longest_side=side)
     width, height = scene.render.resolution_x, scene.render.resolution_y
     camera = scene.camera

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.cameras import check_given_cameras, estimate_cameras, read_cameras
-from engine.errors import HeritageError
-from engine.events import Event, Warned
+from engine.core.errors import HeritageError
+from engine.core.events import Event, Warned
 from engine.photos import read_photos
 from engine.scene import CameraSet
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.documents import put_into
-from engine.errors import HeritageError
+from engine.core.errors import HeritageError
+from engine.core.system import describe_machine
 from engine.formats import read_ply
-from engine.system import describe_machine
 
 from .readers import reader_rows, require_node_modules
 from .speed import COUNT, N_MEMORY, N_ROUNDS, memory_rows, speed_rows

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.errors import EnvironmentProblem
+from engine.core.errors import EnvironmentProblem
 from engine.formats import (
     file_from_z_up,
     read_glb,

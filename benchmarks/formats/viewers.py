@@ -19,7 +19,7 @@ from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
 from benchmarks.serve.page import WEBGL, read_picture
-from engine.errors import EnvironmentProblem
+from engine.core.errors import EnvironmentProblem
 from engine.formats import read_glb, read_ply
 from engine.pictures import Scene
 from engine.scene import PinholeCamera, read_camera_set

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from engine.cameras import read_cameras
 from engine.cameras.settings import CameraSettings
-from engine.errors import HeritageError
-from engine.events import Warned
+from engine.core.errors import HeritageError
+from engine.core.events import Warned
+from engine.core.words import split_texts
 from engine.photos import load_pixels, read_photos
 from engine.scene import Camera, CameraSet, PhotoSet
-from engine.words import split_texts
 
 from .folders import Mixture, Shot, draw_folder
 from .models import draw_model

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from engine.errors import Cancelled, DiskError, HeritageError, ProjectError, SettingsError
-from engine.events import never_stop
-from engine.terminal import EventOutput
+from engine.cli.terminal import EventOutput
+from engine.core.errors import Cancelled, DiskError, HeritageError, ProjectError, SettingsError
+from engine.core.events import never_stop
 
 from .draw_rows import read_rows
 from .draws import CHOOSING_ROOMS, Draw, Room, draw_now, read_draws, rooms_of
@@ -145,8 +145,8 @@ def _reconstruct(options: argparse.Namespace) -> None:
 
 
 def _measure(options: argparse.Namespace) -> None:
-    from engine.grounding import load_default_detector
     from engine.masks import load_default_sam
+    from engine.objects.grounding import load_default_detector
 
     from .measuring import measure_project
 

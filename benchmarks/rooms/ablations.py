@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.evaluation import evaluate_project
-from engine.evaluation.settings import EvaluationSettings
-from engine.events import ignore_events, never_stop
-from engine.grounding import load_default_detector
+from engine.core.events import ignore_events, never_stop
 from engine.masks import load_default_sam
-from engine.project_folder import ProjectFolder
+from engine.objects.grounding import load_default_detector
+from engine.project.folder import ProjectFolder
+from engine.quality.evaluation import evaluate_project
+from engine.quality.evaluation.settings import EvaluationSettings
 
 from ..documents import put_into
 from .draws import CHOOSING_ROOMS

@@ -8,8 +8,8 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from engine.evaluation.results import FOUND_IOU, WHOLE_IOU
-from engine.files import read_json, write_json
+from engine.core.files import read_json, write_json
+from engine.quality.evaluation.results import FOUND_IOU, WHOLE_IOU
 
 from .draws import Draw
 from .results import read_result

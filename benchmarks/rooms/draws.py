@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from engine.errors import FormatError, ProjectError
-from engine.files import atomic_write, parse_json, read_json
+from engine.core.errors import FormatError, ProjectError
+from engine.core.files import atomic_write, parse_json, read_json
 
 from .repository import Repository
 

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.errors import DiskError, FormatError, ProjectError
-from engine.files import TEMPORARY_PREFIX, atomic_write, delete_derived, is_inner_name, path_within, read_bytes
-from engine.gaussians import FEATURES_FILE, SCENE_FILE, load_gaussians, save_gaussians
+from engine.core.errors import DiskError, FormatError, ProjectError
+from engine.core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, is_inner_name, path_within, read_bytes
 from engine.masks import read_label_map
-from engine.project_folder import PROJECT_FILE, ProjectFolder
+from engine.project.folder import PROJECT_FILE, ProjectFolder
 from engine.scene import Gaussians
+from engine.training import FEATURES_FILE, SCENE_FILE, load_gaussians, save_gaussians
 
 from .draws import KEPT_ROOMS, Room
 from .results import SHORT

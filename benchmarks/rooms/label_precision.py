@@ -14,13 +14,13 @@ from unittest import mock
 
 import numpy as np
 
-from engine import processor
-from engine.evaluation import evaluate_project
-from engine.evaluation.settings import EvaluationSettings
-from engine.events import ignore_events, never_stop
-from engine.grounding import load_default_detector
+from engine.core import processor
+from engine.core.events import ignore_events, never_stop
 from engine.masks import load_default_sam
-from engine.project_folder import ProjectFolder
+from engine.objects.grounding import load_default_detector
+from engine.project.folder import ProjectFolder
+from engine.quality.evaluation import evaluate_project
+from engine.quality.evaluation.settings import EvaluationSettings
 
 from .reconstruction import reconstruct_room
 

@@ -8,15 +8,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from engine.errors import ProjectError
-from engine.evaluation import evaluate_project
-from engine.evaluation.results import Evaluation, Row, Word
-from engine.evaluation.settings import EvaluationSettings, PromptKind
-from engine.events import Emit, StopCheck
-from engine.files import finite_or_null, read_json, write_json
+from engine.core.errors import ProjectError
+from engine.core.events import Emit, StopCheck
+from engine.core.files import finite_or_null, read_json, write_json
+from engine.core.system import cpu_seconds, describe_machine
 from engine.objects import DetectorFactory, SamFactory
-from engine.project_folder import ProjectFolder, stage_key
-from engine.system import cpu_seconds, describe_machine
+from engine.project.folder import ProjectFolder, stage_key
+from engine.quality.evaluation import evaluate_project
+from engine.quality.evaluation.results import Evaluation, Row, Word
+from engine.quality.evaluation.settings import EvaluationSettings, PromptKind
 
 from .results import METHODS, VERSION
 
@@ -51,14 +51,14 @@ def measure_project(
     detector_factory, sam_factory : callable
         Called when their model is first needed.
     emit, should_stop
-        See `engine.events`.
+        See `engine.core.events`.
 
     Raises
     ------
     ProjectError
         When the project is not trained.
     HeritageError
-        As `engine.evaluation.evaluate_project`.
+        As `engine.quality.evaluation.evaluate_project`.
     """
     project = ProjectFolder.open_existing(folder)
     training = project.stage_record("training")

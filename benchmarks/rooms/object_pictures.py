@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from engine.errors import ProjectError
+from engine.core.errors import ProjectError
 from engine.masks import load_default_sam
 from engine.objects import SegmentationContext, View, load_context
 from engine.objects.settings import BETTER
-from engine.project_folder import ProjectFolder
+from engine.project.folder import ProjectFolder
 
 from .keeping import KEPT_FOLDER, unpack_room
 
@@ -45,11 +45,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     """Write the pictures of one object, prompted by its true mask in the photo that shows it largest."""
-    from engine.evaluation.ground_truth import read_ground_truth
-    from engine.grounding import load_default_detector
     from engine.objects import find_everything
+    from engine.objects.grounding import load_default_detector
     from engine.objects.lifting import isolate_object
     from engine.objects.votes import MaskEvidence, count_votes
+    from engine.quality.evaluation.ground_truth import read_ground_truth
 
     context = load_context(ProjectFolder.open_existing(project), BETTER, load_default_detector, load_default_sam)
     cameras = context.views.cameras.by_photo

@@ -20,20 +20,20 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from engine.bench.prepared import read_prepared, train_prepared
 from engine.cameras.settings import CameraSettings
-from engine.errors import HeritageError
-from engine.evaluation import evaluate_project
-from engine.evaluation.results import Row, Word
-from engine.evaluation.settings import EvaluationSettings, PromptKind
-from engine.events import ignore_events, never_stop
-from engine.files import finite_or_null, read_json, write_json
-from engine.grounding import load_default_detector
+from engine.core.errors import HeritageError
+from engine.core.events import ignore_events, never_stop
+from engine.core.files import finite_or_null, read_json, write_json
+from engine.core.system import describe_machine
 from engine.masks import load_default_sam
-from engine.planning import PlanSettings, choose_sizes, plan_work, training_settings
-from engine.project_folder import ProjectFolder
+from engine.objects.grounding import load_default_detector
+from engine.pipeline.planning import PlanSettings, choose_sizes, plan_work, training_settings
+from engine.project.folder import ProjectFolder
+from engine.quality.bench.prepared import read_prepared, train_prepared
+from engine.quality.evaluation import evaluate_project
+from engine.quality.evaluation.results import Row, Word
+from engine.quality.evaluation.settings import EvaluationSettings, PromptKind
 from engine.rasterizer import choose_training_device
-from engine.system import describe_machine
 
 from ..documents import put_into
 from .draws import CHOOSING_ROOMS

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from engine.bench.prepared import prepare, prepare_masks, train_prepared
 from engine.cameras import has_points
-from engine.events import Emit, StopCheck
-from engine.pipeline import PipelineSettings
-from engine.planning import plan_work, training_settings
+from engine.core.events import Emit, StopCheck
+from engine.pipeline.planning import plan_work, training_settings
+from engine.pipeline.reconstruct import PipelineSettings
+from engine.quality.bench.prepared import prepare, prepare_masks, train_prepared
 
 __all__ = ["N_GAUSSIANS", "reconstruct_room"]
 
@@ -29,12 +29,12 @@ def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should
     seed : int
         Of the training.
     emit, should_stop
-        See `engine.events`.
+        See `engine.core.events`.
 
     Raises
     ------
     HeritageError
-        As `engine.pipeline.reconstruct`.
+        As `engine.pipeline.reconstruct.reconstruct`.
     """
     settings = PipelineSettings(camera_model=room / "cameras")
     assert settings.camera_model is not None

@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from engine.errors import EnvironmentProblem, ProjectError
+from engine.core.errors import EnvironmentProblem, ProjectError
 
 __all__ = ["Repository"]
 

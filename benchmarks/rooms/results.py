@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from engine.errors import FormatError
-from engine.evaluation.results import FOUND_IOU, WHOLE_IOU
-from engine.files import optional, read_json, write_json
+from engine.core.errors import FormatError
+from engine.core.files import optional, read_json, write_json
+from engine.quality.evaluation.results import FOUND_IOU, WHOLE_IOU
 
 from .draws import RESULTS
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from engine.errors import EnvironmentProblem, HeritageError
-from engine.files import file_sha256, read_json, write_json
-from engine.system import cpu_seconds
+from engine.core.errors import EnvironmentProblem, HeritageError
+from engine.core.files import file_sha256, read_json, write_json
+from engine.core.system import cpu_seconds
 
 from .draws import Room
 from .repository import Repository

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from engine.evaluation import INTRODUCTION, MEANINGS, write_section
+from engine.quality.evaluation import INTRODUCTION, MEANINGS, write_section
 
 from .draw_rows import DrawRow, read_rows, write_rows
 from .draws import CHOOSING_ROOMS, SHORT_COMMIT, Draw, Room

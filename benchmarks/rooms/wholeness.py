@@ -1,7 +1,7 @@
 """Fit how whole things look: ``python -m benchmarks.rooms.wholeness ROOM ...``.
 
 Each ROOM has a trained ``project`` and its ``truth``; what is measured of it is kept there in ``wholeness.npz``. The
-command writes the weights that `engine.grounding.wholeness` reads, and prints how well they do in rooms left out.
+command writes the weights that `engine.objects.grounding.wholeness` reads, and prints how well they do in rooms left out.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
 from scipy.special import expit
 
-from engine.errors import HeritageError
-from engine.evaluation.gaussian_truth import gaussian_truth
-from engine.evaluation.ground_truth import read_ground_truth
-from engine.events import never_stop
-from engine.files import ArraySpec, atomic_write, keep_arrays, read_kept_arrays
-from engine.grounding.offline_vocabulary import OfflineVocabulary
-from engine.grounding.wholeness import WEIGHTS_FILE
+from engine.core.errors import HeritageError
+from engine.core.events import never_stop
+from engine.core.files import ArraySpec, atomic_write, keep_arrays, read_kept_arrays
 from engine.objects import load_context
+from engine.objects.grounding.offline_vocabulary import OfflineVocabulary
+from engine.objects.grounding.wholeness import WEIGHTS_FILE
 from engine.objects.looks import build_looks
 from engine.objects.settings import BETTER
-from engine.project_folder import ProjectFolder, stage_key
+from engine.project.folder import ProjectFolder, stage_key
+from engine.quality.evaluation.gaussian_truth import gaussian_truth
+from engine.quality.evaluation.ground_truth import read_ground_truth
 
 _PENALTY = 300.0
 """Weight of the squared weights of standardised features; 100 and 1,000 do as well."""

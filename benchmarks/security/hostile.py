@@ -20,9 +20,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from engine.models import models_folder
-from engine.planning.benchmark import calibrate
-from engine.system import describe_machine
+from engine.core.system import describe_machine
+from engine.install.models import models_folder
+from engine.pipeline.planning.benchmark import calibrate
 
 from .hostile_blends import BLENDS
 from .hostile_cases import HONEST, Case, Sandbox

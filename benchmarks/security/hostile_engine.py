@@ -12,7 +12,7 @@ import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from engine.cli import main as engine
+from engine.cli.main import main as engine
 from engine.objects.settings import DEFAULT_PRESET, PRESETS
 
 from .hostile_audit import watch

@@ -21,8 +21,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-from engine.planning.benchmark import calibrate
-from engine.system import describe_machine
+from engine.core.system import describe_machine
+from engine.pipeline.planning.benchmark import calibrate
 
 from .kills_engine import shorten_stages
 from .kills_fixture import KINDS, Fixture, Kind

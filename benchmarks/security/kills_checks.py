@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from engine.errors import HeritageError
-from engine.files import parse_json, read_bytes
+from engine.core.errors import HeritageError
+from engine.core.files import parse_json, read_bytes
 from engine.formats import read_ply
-from engine.gaussians import load_gaussians
 from engine.masks import read_label_map
 from engine.objects import list_objects, load_membership
-from engine.project_folder import PROJECT_FILE, ProjectFolder
-from engine.records import load_record
+from engine.pipeline.stages import STAGES
+from engine.project.folder import PROJECT_FILE, ProjectFolder
+from engine.project.objects import load_record
 from engine.scene import load_polished, read_camera_set
-from engine.stages import STAGES
+from engine.training import load_gaussians
 
 __all__ = [
     "damaged_files",

@@ -11,16 +11,16 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from engine.system import signals_held_back
+from engine.core.system import signals_held_back
 
 # As in `engine.__main__`: threads that libraries start must not take signals.
 with signals_held_back():
-    from engine.commands import reconstruct as command
+    from engine.cli.commands import reconstruct as command
     from engine.masks.settings import MaskSettings
     from engine.objects.settings import DEFAULT_PRESET
     from engine.objects.settings import PRESETS as SEGMENT_PRESETS
-    from engine.pipeline import PipelineSettings
-    from engine.planning import PlanSettings
+    from engine.pipeline.planning import PlanSettings
+    from engine.pipeline.reconstruct import PipelineSettings
     from engine.training.settings import PRESETS
 
 __all__ = ["PRESET", "pipeline_settings", "shorten_stages"]

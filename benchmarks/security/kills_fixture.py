@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from engine.errors import Cancelled
-from engine.events import Event, StageFinished
-from engine.pipeline import reconstruct
+from engine.core.errors import Cancelled
+from engine.core.events import Event, StageFinished
+from engine.pipeline.reconstruct import reconstruct
 from engine.scene import read_camera_set
 
 from .kills_checks import objects_of, scene_of

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from engine.files import TEMPORARY_PREFIX
+from engine.core.files import TEMPORARY_PREFIX
 
 __all__ = ["ROOT", "EngineRun", "wait_for_write"]
 

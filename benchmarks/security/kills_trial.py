@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from engine.errors import HeritageError
+from engine.core.errors import HeritageError
 
 from .kills_checks import damaged_files, files_of, leftovers, objects_of, opened_copy, scene_of
 from .kills_fixture import Fixture, Kind, Reference

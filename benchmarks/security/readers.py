@@ -1,6 +1,6 @@
 """Every reader of the product with a small valid input, for `fuzz` and tests/security.
 
-A reader that calls the functions of `engine.files`, and is in no entry here, fails tests/security/test_fuzz.py.
+A reader that calls the functions of `engine.core.files`, and is in no entry here, fails tests/security/test_fuzz.py.
 """
 
 from __future__ import annotations

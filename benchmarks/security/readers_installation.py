@@ -15,7 +15,7 @@ _WHEEL = b"a wheel" * 20
 
 
 def _write_bundle(folder: Path) -> None:
-    from engine.system import package_system
+    from engine.core.system import package_system
 
     files = {"wheels/one-1.0-py3-none-any.whl": _WHEEL, "models/one.onnx": b"weights"}
     info = {
@@ -29,15 +29,15 @@ def _write_bundle(folder: Path) -> None:
 
 
 def _unpack_bundle(folder: Path) -> object:
-    from engine.events import ignore_events
-    from engine.installation.bundle import Bundle
+    from engine.core.events import ignore_events
+    from engine.install.environment.bundle import Bundle
 
     Bundle.read(folder / "bundle.zip").unpack(folder / "unpacked", ignore_events)
     return True
 
 
 def _write_installed(folder: Path) -> None:
-    from engine.installation import EngineEnvironment
+    from engine.install.environment import EngineEnvironment
 
     engine = EngineEnvironment(folder)
     engine.begin()
@@ -47,7 +47,7 @@ def _write_installed(folder: Path) -> None:
 
 
 def _installed_state(folder: Path) -> object:
-    from engine.installation import EngineEnvironment
+    from engine.install.environment import EngineEnvironment
 
     return EngineEnvironment(folder).state() == "ready" or None
 

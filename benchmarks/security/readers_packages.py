@@ -32,7 +32,7 @@ def _manifest(files: dict[str, bytes]) -> bytes:
 
 
 def _write_zip(folder: Path) -> None:
-    from engine.files import write_zip
+    from engine.core.files import write_zip
 
     _write_bag(folder)
     stream = io.BytesIO()
@@ -42,8 +42,8 @@ def _write_zip(folder: Path) -> None:
 
 def _verify(path: Path) -> object:
     """Verify a package, and refuse one that changed, as the command does."""
-    from engine.errors import FormatError
-    from engine.packages import verify_package
+    from engine.core.errors import FormatError
+    from engine.delivery.packages import verify_package
 
     found = verify_package(path)
     if not found.is_intact:
@@ -69,7 +69,7 @@ def _read_facts(folder: Path) -> object:
 
 
 def _write_record(folder: Path) -> None:
-    from engine.records import MuseumRecord, save_record
+    from engine.project.objects import MuseumRecord, save_record
     from engine.scene import Photo, PhotoSet, write_photo_set
 
     write_project(folder)
@@ -81,8 +81,8 @@ def _write_record(folder: Path) -> None:
 
 def _read_record(folder: Path) -> object:
     """Make every form of a record."""
-    from engine import records
-    from engine.project_folder import ProjectFolder
+    from engine.delivery import records
+    from engine.project.folder import ProjectFolder
 
     described = records.describe_object(ProjectFolder.open_existing(folder), "vase")
     return (

@@ -135,16 +135,16 @@ def _write_lerf_ovs(folder: Path) -> None:
 
 
 def _read_truth(folder: Path) -> object:
-    from engine.evaluation import read_ground_truth
+    from engine.quality.evaluation import read_ground_truth
 
     truth = read_ground_truth(folder, ["a.jpg"], ["b.jpg"])
     return [truth.masks(photo) for photo in truth.photos]
 
 
 def _write_results(folder: Path) -> None:
-    from engine.evaluation import write_results
-    from engine.evaluation.results import Evaluation, Result, Row, Search, Word
-    from engine.evaluation.settings import EvaluationSettings
+    from engine.quality.evaluation import write_results
+    from engine.quality.evaluation.results import Evaluation, Result, Row, Search, Word
+    from engine.quality.evaluation.settings import EvaluationSettings
 
     evaluation = Evaluation(
         rows=(Row("vase", "better", True, 0.9, 0.8, 1.0, 0.0, 2.0, 20.0, 0.9, 1.5, 2.5, 3, "a.jpg"),),
@@ -166,7 +166,7 @@ def _write_results(folder: Path) -> None:
 
 
 def _read_results(folder: Path) -> object:
-    from engine.evaluation import read_results
+    from engine.quality.evaluation import read_results
 
     return read_results(folder / "results.json")
 
@@ -189,7 +189,7 @@ def _write_video(folder: Path) -> None:
 
 
 def _frames_of_video(folder: Path) -> object:
-    from engine.events import ignore_events, never_stop
+    from engine.core.events import ignore_events, never_stop
     from engine.photos import extract_frames
     from engine.photos.settings import VideoSettings
 

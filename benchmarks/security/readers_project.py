@@ -54,7 +54,7 @@ _FORECAST = dict.fromkeys(("seconds", "low", "high", "memory", "memory_low", "me
 
 def write_project(folder: Path) -> None:
     """Write a ``project.json`` with everything that it may hold, and a file that a stage recorded."""
-    from engine.project_folder import ProjectFolder
+    from engine.project.folder import ProjectFolder
 
     output = folder / "gaussians" / "scene.ply"
     with ProjectFolder.create(folder) as project:
@@ -81,7 +81,7 @@ def write_project(folder: Path) -> None:
 
 def write_object(folder: Path, arrays: bool = False) -> None:
     """Write an object of a scene of three Gaussians. Its files are not recorded, so that their readers are reached."""
-    from engine.records import ObjectRecord, write_record
+    from engine.project.objects import ObjectRecord, write_record
 
     record = ObjectRecord(
         id="vase", name="vase", prompt={"kind": "click", "photo": "a.jpg", "x": 5.0, "y": 6.0, "clicks": [{"x": 1}]},
@@ -99,7 +99,7 @@ def write_object(folder: Path, arrays: bool = False) -> None:
 
 
 def _write_events(folder: Path) -> None:
-    from engine import events
+    from engine.core import events
 
     lines = (
         events.StageStarted("training"), events.Progress("training", 0.5, 12.0, "half"),
@@ -114,7 +114,7 @@ def _write_events(folder: Path) -> None:
 
 
 def _read_events(folder: Path) -> object:
-    from engine.events import from_json_line
+    from engine.core.events import from_json_line
 
     lines = (folder / "events.jsonl").read_bytes().decode("utf-8", "replace").splitlines()
     return [event for event in map(from_json_line, lines) if event is not None] or None
@@ -132,7 +132,7 @@ def _write_job(folder: Path) -> None:
 
 
 def _poll(folder: Path) -> object:
-    from engine.jobs import Job
+    from engine.workers.jobs import Job
 
     job = Job.attach(folder)
     if job is None:
@@ -147,20 +147,20 @@ def _write_waiting_job(folder: Path) -> None:
 
 
 def _stored_jobs(folder: Path) -> object:
-    from engine.jobs import WaitingJob
+    from engine.workers.jobs import WaitingJob
 
     return WaitingJob.stored(folder) or None
 
 
 def _read_project(folder: Path) -> object:
-    from engine.project_folder import ProjectFolder
+    from engine.project.folder import ProjectFolder
 
     project = ProjectFolder.open_existing(folder)
     return [(project.stage_record(stage), project.damaged_outputs(stage)) for stage in _FIGURES]
 
 
 def _lock_project(folder: Path) -> object:
-    from engine.project_folder import ProjectFolder
+    from engine.project.folder import ProjectFolder
 
     with ProjectFolder.create(folder) as project:
         project.forget_stages(["objects"])
@@ -169,15 +169,15 @@ def _lock_project(folder: Path) -> object:
 
 def _collect_facts(folder: Path) -> object:
     """Write the page of the report with its plot, which takes a second."""
-    from engine.project_folder import ProjectFolder
-    from engine.report.facts import collect_facts
-    from engine.report.page import Pictures, page
+    from engine.delivery.report.facts import collect_facts
+    from engine.delivery.report.page import Pictures, page
+    from engine.project.folder import ProjectFolder
 
     return page(collect_facts(ProjectFolder.open_existing(folder)), Pictures())
 
 
 def _collect_facts_without_plot(folder: Path) -> object:
-    from engine.report import page
+    from engine.delivery.report import page
 
     with mock.patch.object(page, "error_curve", lambda *_, **__: b""):
         return _collect_facts(folder)
@@ -190,8 +190,8 @@ def _write_reported_project(folder: Path) -> None:
 
 
 def _store_forecast(folder: Path) -> object:
-    from engine.planning import planned_work
-    from engine.project_folder import ProjectFolder
+    from engine.pipeline.planning import planned_work
+    from engine.project.folder import ProjectFolder
 
     work: Any = None
     forecast: Any = SimpleNamespace(stages=[SimpleNamespace(stage="masks")])
@@ -220,7 +220,7 @@ def _list_objects(folder: Path) -> object:
 
 
 def _show_objects(folder: Path) -> object:
-    from engine import project_content as project
+    from engine.project import content as project
 
     objects = project.list_objects(folder)
     project.require_intact(folder, "vase")
@@ -253,19 +253,19 @@ def _write_trash(folder: Path) -> None:
 
 
 def _list_trash(folder: Path) -> object:
-    from engine.records import list_trash
+    from engine.project.objects import list_trash
 
     return list_trash(folder)
 
 
 def _write_museum_record(folder: Path) -> None:
-    from engine.records import MuseumRecord, save_record
+    from engine.project.objects import MuseumRecord, save_record
 
     save_record(folder, "vase", MuseumRecord("1900.1", "Vase", "CC0", "Blue."))
 
 
 def _load_museum_record(folder: Path) -> object:
-    from engine.records import load_record
+    from engine.project.objects import load_record
 
     return load_record(folder, "vase").as_comments()
 
@@ -296,20 +296,20 @@ def _load_candidate(folder: Path) -> object:
 
 
 def _show_candidates(folder: Path) -> object:
-    from engine import refused_prompts as candidates
+    from engine.project import refused_prompts as candidates
 
     candidates._read.cache_clear()
     return candidates.read_not_found(folder)
 
 
 def _write_kept(folder: Path) -> None:
-    from engine.files import keep_arrays
+    from engine.core.files import keep_arrays
 
     keep_arrays(folder / "kept.npz", "recipe", {"a": np.zeros((2, 3), np.float32), "b": np.array(["x", "y"])})
 
 
 def _read_kept(folder: Path) -> object:
-    from engine.files import ArraySpec, read_kept_arrays
+    from engine.core.files import ArraySpec, read_kept_arrays
 
     specs = {"a": ArraySpec("float32", ("n", 3)), "b": ArraySpec("str", ("n",))}
     return read_kept_arrays(folder / "kept.npz", "recipe", specs)
@@ -406,8 +406,8 @@ class _ThreeGaussians:
 
 
 def _calibration(folder: Path, *, again: bool = True) -> object:
-    from engine.planning.calibration import Benchmark, load_calibration
-    from engine.system import Machine
+    from engine.core.system import Machine
+    from engine.pipeline.planning.calibration import Benchmark, load_calibration
 
     def measure() -> Benchmark:
         if again:

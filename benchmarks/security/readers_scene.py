@@ -98,7 +98,7 @@ def _write_hand_membership(folder: Path) -> None:
 
 
 def _read_hand_membership(folder: Path) -> object:
-    from engine.commands.stored_edits import read_membership
+    from engine.cli.commands.stored_edits import read_membership
 
     return read_membership(folder / "membership.npy")
 
@@ -121,7 +121,7 @@ def _load_measurement(folder: Path) -> object:
 
 
 def _show_cameras(folder: Path) -> object:
-    from engine.project_content import photo_camera
+    from engine.project.content import photo_camera
 
     camera = photo_camera(folder, "hall/b.jpg")
     return addon("photo_frame").remove_distortion(np.zeros((15, 20, 4), np.float32), camera)
@@ -134,7 +134,7 @@ def _write_camera(folder: Path) -> None:
 
 def _read_camera(folder: Path) -> object:
     from engine.cameras import parse_camera_json, read_camera_json
-    from engine.files import read_text
+    from engine.core.files import read_text
 
     # The same as text, as Blender gives it.
     parse_camera_json(read_text(folder / "camera.json", advice=""))
@@ -298,13 +298,13 @@ def _read_label_map(folder: Path) -> object:
 
 
 def _write_scene(folder: Path) -> None:
-    from engine.gaussians import save_gaussians
+    from engine.training import save_gaussians
 
     save_gaussians(folder, _gaussians(features=16))
 
 
 def _read_scene(folder: Path) -> object:
-    from engine.gaussians import load_gaussians
+    from engine.training import load_gaussians
 
     return load_gaussians(folder)
 

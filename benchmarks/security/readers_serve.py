@@ -63,7 +63,7 @@ def _read_project(folder: Path) -> object:
 
 
 def _write_derived(folder: Path) -> None:
-    from engine.files import write_json
+    from engine.core.files import write_json
     from engine.serve import ServeSettings
     from engine.serve.forecasts import _file
     from engine.serve.library import WebProject
@@ -88,7 +88,7 @@ def _read_derived(folder: Path) -> object:
 
 
 def _write_upload(folder: Path) -> None:
-    from engine.files import write_json
+    from engine.core.files import write_json
 
     uploads = folder / _USER / "uploads"
     uploads.mkdir(parents=True)
@@ -111,7 +111,7 @@ def _write_shipped(folder: Path) -> None:
 
 
 def _read_shipped(folder: Path) -> object:
-    from engine.batch.shipping import pack, pack_photos, unpack
+    from engine.workers.batch.shipping import pack, pack_photos, unpack
 
     files = pack(folder / "project", None)
     unpack(files, folder / "copy")

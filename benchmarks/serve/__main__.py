@@ -11,8 +11,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from engine.evaluation import write_section
-from engine.system import describe_machine
+from engine.core.system import describe_machine
+from engine.quality.evaluation import write_section
 
 from .page import page_rows
 from .server import Row, server_rows

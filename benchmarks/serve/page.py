@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from engine.errors import EnvironmentProblem
+from engine.core.errors import EnvironmentProblem
 from engine.scene import Camera, focal_and_center, read_camera_set
 
 from .server import ROOT, Row

@@ -15,9 +15,9 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
-from engine.errors import EnvironmentProblem, HeritageError
-from engine.evaluation import write_section
-from engine.evaluation.settings import MARKS
+from engine.core.errors import EnvironmentProblem, HeritageError
+from engine.quality.evaluation import write_section
+from engine.quality.evaluation.settings import MARKS
 
 from .measuring import measure_set
 from .photo_sets import NAMES, REAL_SETS, SCENES, photo_set

@@ -29,10 +29,10 @@ from typing import Any
 
 import torch
 
-from engine.errors import HeritageError
-from engine.events import ignore_events, never_stop
-from engine.files import read_json, write_json
-from engine.planning.decisions import steps_for, with_steps
+from engine.core.errors import HeritageError
+from engine.core.events import ignore_events, never_stop
+from engine.core.files import read_json, write_json
+from engine.pipeline.planning.decisions import steps_for, with_steps
 from engine.training import (
     TrainingView,
     background_gaussians,

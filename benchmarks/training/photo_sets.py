@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.errors import SettingsError
+from engine.core.errors import SettingsError
 
 __all__ = ["NAMES", "REAL_SETS", "SCENES", "PhotoSetFolder", "photo_set"]
 

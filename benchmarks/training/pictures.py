@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from engine.files import atomic_write
-from engine.gaussians import load_gaussians
+from engine.core.files import atomic_write
 from engine.scene import read_camera_set
+from engine.training import load_gaussians
 from engine.training.coverage import Coverage
 from engine.training.held_out import render_picture
 from engine.training.parameters import Parameters

@@ -8,21 +8,20 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from engine.bench.prepared import PreparedScene, prepare, prepare_masks, train_prepared
 from engine.cameras import has_points
 from engine.cameras.settings import CameraSettings
-from engine.evaluation import evaluate_project
-from engine.evaluation.settings import EvaluationSettings
-from engine.events import ignore_events, never_stop
-from engine.files import read_json, write_json
-from engine.gaussians import load_gaussians
-from engine.grounding import load_default_detector
+from engine.core.events import ignore_events, never_stop
+from engine.core.files import read_json, write_json
 from engine.masks import load_default_sam
-from engine.pipeline import PipelineSettings
-from engine.planning import PlanSettings, WorkPlan, plan_scene, plan_work, training_settings
-from engine.project_folder import ProjectFolder
+from engine.objects.grounding import load_default_detector
+from engine.pipeline.planning import PlanSettings, WorkPlan, plan_scene, plan_work, training_settings
+from engine.pipeline.reconstruct import PipelineSettings
+from engine.project.folder import ProjectFolder
+from engine.quality.bench.prepared import PreparedScene, prepare, prepare_masks, train_prepared
+from engine.quality.evaluation import evaluate_project
+from engine.quality.evaluation.settings import EvaluationSettings
 from engine.scene import CameraSet
-from engine.training import measure_quality
+from engine.training import load_gaussians, measure_quality
 
 from .photo_sets import ROOT, PhotoSetFolder
 from .variants import Variant

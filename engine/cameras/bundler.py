@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError, FormatError
-from ..files import read_bytes, read_text
+from ..core.errors import CameraError, FormatError
+from ..core.files import read_bytes, read_text
 from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER
 from .model_reading import write_model_arrays
 from .reconstruction import is_rotation

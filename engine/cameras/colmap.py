@@ -6,7 +6,7 @@ where the engine saves its work and stops. Modules of this package import pycolm
 
 from __future__ import annotations
 
-from ..system import handlers_kept
+from ..core.system import handlers_kept
 
 __all__ = ["pycolmap"]
 

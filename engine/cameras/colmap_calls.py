@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
-from ..errors import CameraError, Cancelled, DiskError
-from ..events import StopCheck
+from ..core.errors import CameraError, Cancelled, DiskError
+from ..core.events import StopCheck
 from .colmap import pycolmap
 
 __all__ = ["opened_database", "require_free_space", "threads_for_colmap", "translated", "wait_for"]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..events import StopCheck
+from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
 from .lens_trials import LensTrial, tried_lenses, with_aspect

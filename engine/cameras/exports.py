@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
-from ..events import StopCheck
+from ..core.errors import CameraError
+from ..core.events import StopCheck
 from ..scene import Lens, Photo
 from .brown_lens import BrownLens
 from .model_places import Export

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError, DiskError, FormatError
-from ..events import StopCheck
-from ..files import delete_derived, read_json, write_json
-from ..project_folder import stage_key
+from ..core.errors import CameraError, DiskError, FormatError
+from ..core.events import StopCheck
+from ..core.files import delete_derived, read_json, write_json
+from ..core.settings import to_dict
+from ..core.system import native_path, replace_file
+from ..project.folder import stage_key
 from ..scene import Camera, Photo, PhotoSet
-from ..settings import to_dict
-from ..system import native_path, replace_file
 from .colmap import pycolmap
 from .colmap_calls import opened_database, require_free_space, threads_for_colmap, translated, wait_for
 from .feature_scales import feature_sizes

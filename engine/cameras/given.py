@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import CameraError, FormatError, HeritageError
-from ..events import Emit, StopCheck, Warned, ignore_events, never_stop
+from ..core.errors import CameraError, FormatError, HeritageError
+from ..core.events import Emit, StopCheck, Warned, ignore_events, never_stop
 from ..scene import Camera, CameraSet, NameMatches, Photo, PhotoSet, camera_problem, match_names
 from .exports import cameras_of, read_export
 from .joining import Part, joined_parts

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CameraError
-from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
+from ..core.errors import CameraError
+from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..scene import CameraHealth, CameraSet, PhotoSet
 from .evidence import Evidence, fit_of_pairs
 from .features import SfmWorkspace, match_features

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..events import StopCheck
+from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
 from .feature_scales import relative_scales, scale_groups

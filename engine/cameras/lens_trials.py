@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
-from ..events import StopCheck
+from ..core.errors import CameraError
+from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import wait_for
 

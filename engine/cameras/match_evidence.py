@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
-from ..events import Emit, Progress, StopCheck
+from ..core.errors import CameraError
+from ..core.events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
 from .colmap_calls import opened_database
 from .features import SfmWorkspace, match_features

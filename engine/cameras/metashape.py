@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
+from ..core.errors import CameraError
 from ..scene import MAX_COORDINATE, MAX_PHOTO_SIDE
 from .brown_lens import BrownLens
 from .model_reading import write_model_arrays

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Cancelled
-from ..events import StopCheck
+from ..core.errors import Cancelled
+from ..core.events import StopCheck
 from .colmap import pycolmap
 from .features import largest_features
 from .pairs import MIN_QUICK_MATCHES, quick_match_rows, quick_matches

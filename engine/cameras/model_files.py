@@ -11,8 +11,8 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
-from ..errors import CameraError
-from ..files import mapped, opened
+from ..core.errors import CameraError
+from ..core.files import mapped, opened
 from .colmap import pycolmap
 
 __all__ = ["require_whole_files"]

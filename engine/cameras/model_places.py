@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import CameraError, FormatError
-from ..files import opened
+from ..core.errors import CameraError, FormatError
+from ..core.files import opened
 
 __all__ = ["Export", "Kind", "ModelPlace", "files_of_model", "find_export", "find_models"]
 

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..child_process import ChildFailure, run_in_child
-from ..errors import CameraError
-from ..events import StopCheck
-from ..files import ArraySpec, atomic_write, opened, read_arrays
+from ..core.child_process import ChildFailure, run_in_child
+from ..core.errors import CameraError
+from ..core.events import StopCheck
+from ..core.files import ArraySpec, atomic_write, opened, read_arrays
+from ..core.system import native_path
 from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens
-from ..system import native_path
 from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
 from .colmap import pycolmap
 from .model_files import require_whole_files

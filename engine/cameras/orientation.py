@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError, Cancelled, PhotoError
-from ..events import StopCheck
+from ..core.errors import CameraError, Cancelled, PhotoError
+from ..core.events import StopCheck
 from ..photos import load_pixels, stored_orientation
 from ..scene import Camera, Lens, Photo, lens_pixels
 from .model_reading import SparsePoints

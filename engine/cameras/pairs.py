@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Cancelled
-from ..events import StopCheck
+from ..core.errors import Cancelled
+from ..core.events import StopCheck
 
 __all__ = [
     "MIN_QUICK_MATCHES",

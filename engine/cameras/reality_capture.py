@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
-from ..files import read_bytes
+from ..core.errors import CameraError
+from ..core.files import read_bytes
 from ..scene import MAX_COORDINATE
 from .brown_lens import BrownLens
 from .model_reading import write_model_arrays

@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from xml.parsers import expat
 
-from ..errors import CameraError
-from ..files import read_bytes
+from ..core.errors import CameraError
+from ..core.files import read_bytes
 
 __all__ = ["numbers_of", "parsed_xml"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from ..settings import require
+from ..core.settings import require
 
 __all__ = ["CameraModel", "CameraSettings"]
 

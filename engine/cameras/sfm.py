@@ -9,9 +9,9 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from ..errors import CameraError
-from ..events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
-from ..files import delete_derived
+from ..core.errors import CameraError
+from ..core.events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
+from ..core.files import delete_derived
 from ..scene import CameraHealth, CameraSet, PhotoSet
 from .colmap import pycolmap
 from .colmap_calls import wait_for

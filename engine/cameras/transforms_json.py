@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError, FormatError
-from ..files import optional, path_within, read_json
+from ..core.errors import CameraError, FormatError
+from ..core.files import optional, path_within, read_json
 from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens, Photo
 from .orientation import GivenCamera
 

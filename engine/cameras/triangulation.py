@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
-from ..events import Emit, Progress, StopCheck
+from ..core.errors import CameraError
+from ..core.events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
 from .colmap import pycolmap
 from .colmap_calls import opened_database, wait_for

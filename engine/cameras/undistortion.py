@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
-from ..files import parse_json, read_json
+from ..core.errors import CameraError
+from ..core.files import parse_json, read_json
 from ..scene import Camera, Lens, PinholeCamera, focal_and_center, lens_pixels
 from .colmap import pycolmap
 from .reconstruction import is_rotation

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from ..errors import Cancelled, FormatError
-from ..events import StopCheck
-from ..files import atomic_write, opened
+from ..core.errors import Cancelled, FormatError
+from ..core.events import StopCheck
+from ..core.files import atomic_write, opened
 from ..photos import load_with_valid
 from ..scene import Photo, PhotoSet
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
+from ..core.errors import FormatError
+from ..core.system import free_memory
 from ..scene import Gaussians
-from ..system import free_memory
 
 __all__ = ["require_memory", "usable_rows"]
 

@@ -13,7 +13,7 @@ from typing import IO, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
+from ..core.errors import FormatError
 from ..scene import Gaussians
 from .bounds import require_memory
 from .ply_header import Element, Header, require_rows, skip_to

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import FormatError
-from ..files import atomic_write, opened, optional, parse_json
+from ..core.errors import FormatError
+from ..core.files import atomic_write, opened, optional, parse_json
 from ..scene import Gaussians
 from .axes import y_up_from_z_up, z_up_from_y_up
 from .bounds import require_memory, usable_rows

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import FormatError
-from ..files import opened
+from ..core.errors import FormatError
+from ..core.files import opened
 from ..scene import Gaussians
 from .axes import Up
 from .glb import read_glb

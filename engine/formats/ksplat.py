@@ -18,8 +18,8 @@ from typing import IO, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
-from ..files import opened
+from ..core.errors import FormatError
+from ..core.files import opened
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
 from .bounds import require_memory, usable_rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
+from ..core.errors import FormatError
 from ..scene import Gaussians
 
 __all__ = ["far_origin", "moved_far", "require_near"]

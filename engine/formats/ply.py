@@ -20,8 +20,8 @@ from typing import IO, Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError, NumericalError
-from ..files import atomic_write, opened
+from ..core.errors import FormatError, NumericalError
+from ..core.files import atomic_write, opened
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
 from .bounds import require_memory, usable_rows

@@ -10,7 +10,7 @@ from typing import IO
 
 import numpy as np
 
-from ..errors import FormatError
+from ..core.errors import FormatError
 
 __all__ = ["Element", "Header", "read_header", "require_rows", "skip_to"]
 

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
-from ..files import opened_package, optional, parse_json, path_within, read_bytes
+from ..core.errors import FormatError
+from ..core.files import opened_package, optional, parse_json, path_within, read_bytes
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
 from .bounds import require_memory, usable_rows

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import FormatError
-from ..files import atomic_write
+from ..core.errors import FormatError
+from ..core.files import atomic_write
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
 from .codebooks import codebook, palette

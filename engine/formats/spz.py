@@ -21,8 +21,8 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
-from ..files import atomic_write, opened
+from ..core.errors import FormatError
+from ..core.files import atomic_write, opened
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up, y_up_from_z_up
 from .bounds import require_memory, usable_rows

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import NumericalError
+from ..core.errors import NumericalError
 from ..scene import Gaussians
 from .spherical_harmonics import orthogonal_sh_matrix
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import DiskError, EnvironmentProblem, FormatError
-from ..files import TEMPORARY_PREFIX
+from ..core.errors import DiskError, EnvironmentProblem, FormatError
+from ..core.files import TEMPORARY_PREFIX
+from ..core.system import replace_file
 from ..scene import Gaussians
-from ..system import replace_file
 from .origin import require_near
 from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..child_process import ChildFailure, run_in_child
-from ..errors import DiskError
+from ..core.child_process import ChildFailure, run_in_child
+from ..core.errors import DiskError
 from ..scene import Gaussians
 from .ply import read_ply, write_ply
 from .usd import write_usd

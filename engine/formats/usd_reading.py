@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..child_process import ChildFailure, run_in_child
-from ..errors import FormatError
-from ..files import opened
+from ..core.child_process import ChildFailure, run_in_child
+from ..core.errors import FormatError
+from ..core.files import opened
 from ..scene import Gaussians
 from .axes import z_up_from_y_up
 from .bounds import require_memory, usable_rows

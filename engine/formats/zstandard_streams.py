@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from ..errors import EnvironmentProblem
+from ..core.errors import EnvironmentProblem
 
 __all__ = ["unpack_zstandard"]
 

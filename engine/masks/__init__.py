@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..lazy_exports import lazy_exports
+from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .beside import MasksBeside, sam_threads
@@ -12,11 +12,19 @@ if TYPE_CHECKING:
     from .encoder import card_encodes
     from .foreground import make_foreground_masks
     from .mask_geometry import box_ious, mask_box, mask_iou
+    from .mask_metrics import boundary, boundary_iou, feature_agreement, halo, holes, iou, stray
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
     from .storage import label_map_path, read_label_map
 
 __all__ = [
+    "stray",
+    "iou",
+    "holes",
+    "halo",
+    "feature_agreement",
+    "boundary_iou",
+    "boundary",
     "Embedding",
     "EmbeddingFolder",
     "MasksBeside",

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Cancelled
-from ..events import StopCheck, never_stop
+from ..core.errors import Cancelled
+from ..core.events import StopCheck, never_stop
 from .generator import CANCELLED_MESSAGE, generate_grid_masks, stability_score
 from .mask_geometry import mask_box, mask_iou
 from .sam import INPUT_SIDE, LOW_RES_SIDE, Embedding, SegmentAnything, photo_logits

@@ -17,11 +17,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from ..child_process import ChildBeside, child_beside
-from ..errors import HeritageError
-from ..events import never_stop
-from ..settings import to_dict
-from ..system import PeakMemory, lower_priority
+from ..core.child_process import ChildBeside, child_beside
+from ..core.errors import HeritageError
+from ..core.events import never_stop
+from ..core.settings import to_dict
+from ..core.system import PeakMemory, lower_priority
 from .settings import SAM_MODELS, MaskSettings
 from .storage import label_map_path
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import ArraySpec, derived_name, keep_arrays, path_within, read_kept_arrays
-from ..project_folder import stage_key
+from ..core.files import ArraySpec, derived_name, keep_arrays, path_within, read_kept_arrays
+from ..project.folder import stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MAX_EMBEDDINGS
 

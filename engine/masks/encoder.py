@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..child_process import ChildFailure, run_in_child
-from ..errors import HeritageError
-from ..models import gpu_provider_is_installed, locate, open_gpu_session, open_session, read_onnx_weights
+from ..core.child_process import ChildFailure, run_in_child
+from ..core.errors import HeritageError
+from ..install.models import gpu_provider_is_installed, locate, open_gpu_session, open_session, read_onnx_weights
 from .settings import SAM_MODELS
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ class PhotoEncoder:
         """The same network in bfloat16; None where that is no faster, and for files of another structure."""
         if self.on_card or self.takes_photo:
             return None
-        from ..processor import multiplies_bfloat16  # torch takes a second to import
+        from ..core.processor import multiplies_bfloat16  # torch takes a second to import
         from .torch_encoder import TorchEncoder
 
         if not multiplies_bfloat16():

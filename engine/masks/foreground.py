@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..errors import Cancelled, MaskError
-from ..events import Emit, Progress, StopCheck, Warned
-from ..files import atomic_write
+from ..core.errors import Cancelled, MaskError
+from ..core.events import Emit, Progress, StopCheck, Warned
+from ..core.files import atomic_write
 from ..photos import load_pixels
 from ..scene import Photo, PhotoSet
 from .sam import INPUT_SIDE, Embedding, SegmentAnything

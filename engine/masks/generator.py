@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Cancelled
-from ..events import StopCheck
+from ..core.errors import Cancelled
+from ..core.events import StopCheck
 from .mask_geometry import mask_box
 from .sam import Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import HeritageError, ModelFileError
-from ..models import open_session, read_onnx_weights
+from ..core.errors import HeritageError, ModelFileError
+from ..install.models import open_session, read_onnx_weights
 
 if TYPE_CHECKING:
     from .torch_decoder import TorchDecoder
@@ -132,7 +132,7 @@ class MaskDecoder:
     @functools.cached_property
     def _bfloat16(self) -> TorchDecoder | None:
         """The network of `_torch` in bfloat16, for what may be approximated; None where that is no faster."""
-        from ..processor import multiplies_bfloat16
+        from ..core.processor import multiplies_bfloat16
         from .torch_decoder import TorchDecoder
 
         return TorchDecoder(read_onnx_weights(self._path), bfloat16=True) if multiplies_bfloat16() else None

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import MaskError
-from ..models import locate
+from ..core.errors import MaskError
+from ..install.models import locate
 from .encoder import PhotoEncoder
 from .mask_decoder import MaskDecoder
 from .settings import SAM_MODELS

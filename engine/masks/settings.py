@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ..settings import require
+from ..core.settings import require
 
 __all__ = ["EMBEDDING_BYTES", "MAX_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
 

@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ..errors import Cancelled, MaskError
-from ..events import Emit, Progress, StopCheck
+from ..core.errors import Cancelled, MaskError
+from ..core.events import Emit, Progress, StopCheck
+from ..core.settings import to_dict
 from ..photos import load_pixels
-from ..project_folder import stage_key
+from ..project.folder import stage_key
 from ..scene import Photo, PhotoSet
-from ..settings import to_dict
 from .automatic import segment_everything
 from .embeddings import EmbeddingFolder
 from .sam import INPUT_SIDE, Embedding, SegmentAnything

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError, MaskError
-from ..files import ArraySpec, atomic_write, derived_name, parse_json, path_within, read_arrays
+from ..core.errors import FormatError, MaskError
+from ..core.files import ArraySpec, atomic_write, derived_name, parse_json, path_within, read_arrays
 
 __all__ = ["label_map_path", "read_label_map", "read_recipe", "write_label_map"]
 

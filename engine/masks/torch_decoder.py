@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from ..processor import one_thread
+from ..core.processor import one_thread
 
 __all__ = ["TorchDecoder"]
 

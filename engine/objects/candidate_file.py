@@ -11,8 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import FormatError, PromptError
-from ..files import delete_derived, optional, read_json, write_json
+from ..core.errors import FormatError, PromptError
+from ..core.files import delete_derived, optional, read_json, write_json
 from ..pictures import write_png
 from .arrays import Mask, Pixels
 from .lifting import FoundObject

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..errors import Cancelled, EnvironmentProblem, FormatError
-from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
+from ..core.errors import Cancelled, EnvironmentProblem, FormatError
+from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
 from ..pictures import Scene
-from ..project_folder import ProjectFolder
+from ..project.folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
 from .arrays import Float32, Int32
@@ -20,7 +20,7 @@ from .settings import SegmentSettings
 from .views import Views
 
 if TYPE_CHECKING:
-    from ..grounding import Detector
+    from .grounding import Detector
 
 __all__ = ["DetectorFactory", "SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
 
@@ -34,7 +34,7 @@ class SegmentationContext:
     """A trained scene with what is needed to isolate objects of it.
 
     `label_maps` are SAM's, [h, w], by photo; there may be none. `detector_factory` is called when a detector is first
-    needed; for `emit` and `should_stop` see `engine.events`. What is computed once for all prompts is `kept` in memory,
+    needed; for `emit` and `should_stop` see `engine.core.events`. What is computed once for all prompts is `kept` in memory,
     and in the `folder` unless it is None.
     """
 
@@ -102,9 +102,9 @@ def load_context(
     `device` renders the views and counts the votes; what is stored does not depend on it, but for rounding. Raises
     `HeritageError` when a part of the project is missing or damaged.
     """
-    from ..gaussians import load_gaussians
     from ..masks import EmbeddingFolder
     from ..scene import read_camera_set
+    from ..training import load_gaussians
 
     project.require_intact("cameras", "training")
     cameras = read_camera_set(project.path / "cameras")

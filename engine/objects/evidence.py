@@ -14,11 +14,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..errors import PromptError
-from ..grounding import Detector
+from ..core.errors import PromptError
 from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
 from .graph import N_NEIGHBOURS
+from .grounding import Detector
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import PAPER
 from .spatial import parse_spatial

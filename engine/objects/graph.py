@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags, hstack
 from scipy.sparse.csgraph import connected_components
 
-from ..errors import Cancelled
-from ..events import StopCheck
-from ..files import ArraySpec, keep_arrays, read_kept_arrays
-from ..project_folder import stage_key
+from ..core.errors import Cancelled
+from ..core.events import StopCheck
+from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
+from ..project.folder import stage_key
 from .arrays import Float32, Int32, Int64, Mask
 from .views import OUTER, Views, spread_cameras
 from .votes import THRESHOLD, Votes

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import PromptError
+from ..core.errors import PromptError
 from ..masks import mask_iou
 from .arrays import Float32, Mask
 from .context import SegmentationContext

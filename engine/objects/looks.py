@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ..files import ArraySpec, keep_arrays, read_kept_arrays
+from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..masks import box_ious, mask_box
-from ..project_folder import stage_key
+from ..project.folder import stage_key
 from .arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
 from .proposals import Proposals, find_proposals

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from ..errors import PromptError
+from ..core.errors import PromptError
 from ..masks import mask_box
 from ..pictures import normalized
 from .arrays import Float32, Floats, Mask, Place

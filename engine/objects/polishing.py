@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ..errors import Cancelled
-from ..events import StopCheck
+from ..core.errors import Cancelled
+from ..core.events import StopCheck
 from ..formats import SH_C0
 from ..masks import mask_box
 from ..pictures import Backend, Scene

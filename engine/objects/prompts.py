@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FormatError, HeritageError, MaskError, PromptError
-from ..files import opened
+from ..core.errors import FormatError, HeritageError, MaskError, PromptError
+from ..core.files import opened
 from ..scene import Camera, CameraSet, PinholeCamera
 from .arrays import Mask
 

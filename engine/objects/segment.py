@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import expit
 
-from ..errors import PromptError
+from ..core.errors import PromptError
+from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
-from ..words import likeness
 from .arrays import Mask, Place
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, require_known

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FormatError, ObjectError, PromptError
-from ..events import Emit, StopCheck, Warned
-from ..project_folder import ProjectFolder
-from ..provenance import describe_run
+from ..core.errors import FormatError, ObjectError, PromptError
+from ..core.events import Emit, StopCheck, Warned
+from ..core.settings import to_dict
+from ..core.words import called_nearly, normalised, similarly_spelt
+from ..project.folder import ProjectFolder
+from ..project.objects import PICTURE_FILE, ObjectRecord, delete_object, found_again, keep_version, new_id, new_name
+from ..project.provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
-from ..records import PICTURE_FILE, ObjectRecord, delete_object, found_again, keep_version, new_id, new_name
 from ..scene import Camera, PinholeCamera, Polished
-from ..settings import to_dict
-from ..words import called_nearly, normalised, similarly_spelt
 from .arrays import Float32, Mask, Pixels
 from .candidate_file import cut_out, forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
@@ -55,7 +55,7 @@ class TextResult:
 class Segmenter:
     """Isolates, corrects and stores the objects of a trained project, which is open for writing.
 
-    The factories are called when their model is first needed; for `emit` and `should_stop` see `engine.events`. The
+    The factories are called when their model is first needed; for `emit` and `should_stop` see `engine.core.events`. The
     views are rendered, and the votes counted, on `device`. All methods raise `HeritageError` when a part of the project
     is missing or damaged, and `Cancelled`, with nothing stored, when `should_stop` returns True.
     """
@@ -234,7 +234,7 @@ class Segmenter:
 
         Raises `ObjectError` if the scene has no objects.
         """
-        from ..gaussians import load_gaussians
+        from ..training import load_gaussians
 
         started = time.perf_counter()
         self.project.require_intact("training")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ..settings import require
+from ..core.settings import require
 
 __all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "SURE_SCORE", "PaperSettings", "SegmentSettings"]
 

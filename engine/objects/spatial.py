@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import PromptError
+from ..core.errors import PromptError
 from ..scene import Camera, PinholeCamera
 from .arrays import Floats
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import FormatError, HeritageError, ObjectError
-from ..files import (
+from ..core.errors import FormatError, HeritageError, ObjectError
+from ..core.files import (
     ArraySpec,
     atomic_write,
     delete_derived,
@@ -25,7 +25,7 @@ from ..files import (
     replace_together,
 )
 from ..pictures import write_png
-from ..records import (
+from ..project.objects import (
     COMPUTED_FILES,
     LEVELS_FILE,
     MEMBERSHIP_FILE,

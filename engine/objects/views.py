@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ..cameras import covering_pinhole, distort, is_point_visible, undistort
-from ..errors import ObjectError
+from ..core.errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 from .arrays import SETS_TOGETHER, Float32, Floats, Int32, Mask

@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from ..child_process import ChildFailure, run_in_child
-from ..errors import PhotoError
-from ..events import StopCheck, never_stop
-from ..system import cpu_seconds_limited
-from ..visible_text import visible
+from ..core.child_process import ChildFailure, run_in_child
+from ..core.errors import PhotoError
+from ..core.events import StopCheck, never_stop
+from ..core.system import cpu_seconds_limited
+from ..core.visible_text import visible
 from .memory_budget import DECODING
 from .pixels import PhotoHeader, photo_errors
 

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ..visible_text import visible
+from ..core.visible_text import visible
 from .exif import without_pillow_warnings
 from .pixels import opened_picture, photo_errors
 from .structure import MAX_EXIF_BYTES

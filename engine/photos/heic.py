@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ..errors import PhotoError
-from ..visible_text import visible
+from ..core.errors import PhotoError
+from ..core.visible_text import visible
 
 __all__ = ["can_read_heic", "conversion_of_numbers", "require_heic_reader", "require_ordinary_colours"]
 

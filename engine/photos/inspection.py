@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Cancelled, FormatError
-from ..events import StopCheck, never_stop
-from ..files import read_json
+from ..core.errors import Cancelled, FormatError
+from ..core.events import StopCheck, never_stop
+from ..core.files import read_json
 from ..scene import PhotoSet
 from .bounded import call_within_bounds
 from .pixels import open_photo, read_header, upright_with_alpha

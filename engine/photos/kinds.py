@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import IO
 
-from ..errors import HeritageError
-from ..files import opened
+from ..core.errors import HeritageError
+from ..core.files import opened
 from .tiff import TIFF_STARTS, is_raw_tiff
 
 __all__ = [

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
-from ..errors import PhotoError
-from ..files import ArraySpec, atomic_write, read_array
-from ..visible_text import visible
+from ..core.errors import PhotoError
+from ..core.files import ArraySpec, atomic_write, read_array
+from ..core.visible_text import visible
 from .bounded import call_in_child, is_large, reserved
 from .exif import UPRIGHT_TRANSPOSES, orientation_of
 from .pixels import (

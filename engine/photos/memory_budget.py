@@ -6,8 +6,8 @@ import contextlib
 import threading
 from collections.abc import Iterator
 
-from ..errors import PhotoError
-from ..system import free_memory
+from ..core.errors import PhotoError
+from ..core.system import free_memory
 
 __all__ = ["DECODING", "MemoryBudget"]
 

@@ -6,9 +6,9 @@ import re
 import unicodedata
 from pathlib import Path
 
-from ..errors import PhotoError
-from ..files import problem_of_inner_name
-from ..visible_text import visible
+from ..core.errors import PhotoError
+from ..core.files import problem_of_inner_name
+from ..core.visible_text import visible
 
 __all__ = ["compared_stem", "problem_of_name", "require_utf8_folder", "stripped_of_mask_words"]
 

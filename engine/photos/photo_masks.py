@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..errors import Cancelled, PhotoError
-from ..events import Emit, StopCheck, Warned
-from ..files import file_sha256, problem_of_inner_name
+from ..core.errors import Cancelled, PhotoError
+from ..core.events import Emit, StopCheck, Warned
+from ..core.files import file_sha256, problem_of_inner_name
 from ..scene import Photo, match_names
 from .loading import load_valid
 from .names import require_utf8_folder, stripped_of_mask_words

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageCms, TiffImagePlugin
 
-from ..errors import FormatError, HeritageError, PhotoError, is_out_of_memory
-from ..files import opened
-from ..visible_text import visible
+from ..core.errors import FormatError, HeritageError, PhotoError, is_out_of_memory
+from ..core.files import opened
+from ..core.visible_text import visible
 from .exif import UPRIGHT_TRANSPOSES, focal_in_pixels, orientation_of, without_pillow_warnings
 from .heic import conversion_of_numbers, require_heic_reader, require_ordinary_colours
 from .kinds import HEIC, PICTURES, kind_of_stream, refusal_of

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..errors import Cancelled, PhotoError
-from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
-from ..files import file_sha256
+from ..core.errors import Cancelled, PhotoError
+from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
+from ..core.files import file_sha256
+from ..core.visible_text import visible
 from ..scene import Photo, PhotoSet, RejectedPhoto
-from ..visible_text import visible
 from .bounded import call_within_bounds
 from .copies import ComparedPhoto, copies_among, summary_of_copies
 from .exif import capture_time, orientation_of

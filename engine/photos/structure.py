@@ -11,9 +11,9 @@ import re
 from pathlib import Path
 from typing import IO
 
-from ..errors import PhotoError
-from ..files import mapped
-from ..visible_text import visible
+from ..core.errors import PhotoError
+from ..core.files import mapped
+from ..core.visible_text import visible
 from .tiff import TIFF_STARTS, problem_of_layout, problem_of_parts
 
 __all__ = ["MAX_EXIF_BYTES", "require_usual_structure"]

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Cancelled, FormatError, PhotoError
-from ..events import Emit, Progress, StopCheck
-from ..files import atomic_write, delete_derived, file_sha256, path_within, read_json, write_json
+from ..core.errors import Cancelled, FormatError, PhotoError
+from ..core.events import Emit, Progress, StopCheck
+from ..core.files import atomic_write, delete_derived, file_sha256, path_within, read_json, write_json
 from .kinds import VIDEO, kind_of_file
 from .settings import VIDEO_SUFFIXES, VideoSettings
 
@@ -62,7 +62,7 @@ def extract_frames(
         What an earlier call with this `prefix` wrote there is replaced; other files stay.
     settings : VideoSettings
     emit, should_stop
-        See `engine.events`.
+        See `engine.core.events`.
     prefix : str
         First part of the names of the files, before the number of the frame.
 

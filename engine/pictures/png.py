@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import atomic_write
+from ..core.files import atomic_write
 
 __all__ = ["write_png"]
 

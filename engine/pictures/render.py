@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ObjectError, SettingsError
+from ..core.errors import ObjectError, SettingsError
 from ..scene import Camera, Gaussians, PinholeCamera
 from .clusters import cluster_colors, find_clusters, principal_colors
 from .png import write_png

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..errors import EnvironmentProblem
+from ..core.errors import EnvironmentProblem
 from ..rasterizer import MAX_CHANNELS, rasterize
 from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import Gaussians, PinholeCamera

@@ -11,7 +11,7 @@ import torch
 from numba import njit
 from numpy.typing import NDArray
 
-from ..errors import NumericalError
+from ..core.errors import NumericalError
 from .finite import all_finite
 from .jit import JIT
 from .threads import Share, new_counters, run_shared, take_range

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch.autograd.function import once_differentiable
 
-from ..errors import NumericalError
+from ..core.errors import NumericalError
 from ..scene import PinholeCamera
 from .blend_backward import MOMENTS_SIZE, blend_tiles_backward
 from .blend_forward import GEOMETRY_SIZE, blend_tiles

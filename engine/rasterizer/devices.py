@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, TypeVar
 
-from ..child_process import ChildFailure, run_in_child
-from ..errors import EnvironmentProblem
-from ..system import card_memory
+from ..core.child_process import ChildFailure, run_in_child
+from ..core.errors import EnvironmentProblem
+from ..core.system import card_memory
 
 __all__ = [
     "PROCESSOR",

@@ -17,7 +17,7 @@ os.environ.setdefault("NUMBA_LOOP_VECTORIZE", "0")
 
 import numba  # noqa: E402
 
-from ..system import takes_path  # noqa: E402
+from ..core.system import takes_path  # noqa: E402
 
 __all__ = ["INNER", "JIT", "LONGEST_PATH", "cache_folder"]
 

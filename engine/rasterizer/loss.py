@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch.autograd.function import once_differentiable
 
-from ..errors import NumericalError
+from ..core.errors import NumericalError
 from .loss_kernels import (
     STRIP,
     blur_target,

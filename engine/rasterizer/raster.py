@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..errors import CameraError, NumericalError
+from ..core.errors import CameraError, NumericalError
 from ..scene import PinholeCamera
 from .finite import all_finite
 from .settings import RasterSettings

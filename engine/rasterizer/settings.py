@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ..settings import require
+from ..core.settings import require
 
 __all__ = [
     "ALPHA_MAX",

@@ -23,7 +23,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from ..system import usable_cores
+from ..core.system import usable_cores
 from .jit import INNER
 
 __all__ = ["Share", "n_usable_cores", "new_counters", "run_shared", "take_range"]

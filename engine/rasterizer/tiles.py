@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ..errors import NumericalError
+from ..core.errors import NumericalError
 from .jit import JIT
 from .projection import GAUSSIANS_PER_RANGE, VISIBLE, Projected
 from .simd import item, put

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
-from ..files import ArraySpec, atomic_write, optional, read_arrays, read_versioned, write_json
+from ..core.errors import FormatError
+from ..core.files import ArraySpec, atomic_write, optional, read_arrays, read_versioned, write_json
 from .camera import MAX_COORDINATE, Camera, CameraSet
 from .camera_health import HEALTH_COLOURS, CameraHealth
 from .lens import lens_problem

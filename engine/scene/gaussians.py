@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ObjectError
+from ..core.errors import ObjectError
 
 __all__ = ["FEATURE_DIM", "Gaussians"]
 

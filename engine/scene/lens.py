@@ -22,7 +22,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
+from ..core.errors import CameraError
 from .camera import Camera, Lens
 
 __all__ = ["MAX_LENS_PARAMETER", "focal_and_center", "lens_pixels", "lens_problem", "photo_pixels"]

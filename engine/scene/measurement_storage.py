@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..errors import FormatError, SettingsError
-from ..files import delete_derived, file_sha256, optional, path_within, read_versioned, write_json
+from ..core.errors import FormatError, SettingsError
+from ..core.files import delete_derived, file_sha256, optional, path_within, read_versioned, write_json
 from .measurement import MeasuredDistance, Measurement, Point, measurement_problem
 
 __all__ = ["delete_measurement", "load_measurement", "save_measurement"]

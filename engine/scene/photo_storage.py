@@ -6,8 +6,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..errors import FormatError
-from ..files import optional, problem_of_inner_name, read_versioned, write_json
+from ..core.errors import FormatError
+from ..core.files import optional, problem_of_inner_name, read_versioned, write_json
 from .photo import Photo, PhotoSet, RejectedPhoto
 
 __all__ = ["MAX_PHOTO_SIDE", "photo_name", "read_photo_set", "size_problem", "write_photo_set"]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
-from ..files import ArraySpec, atomic_write, object_file, read_arrays
+from ..core.errors import FormatError
+from ..core.files import ArraySpec, atomic_write, object_file, read_arrays
 from .gaussians import Gaussians
 
 __all__ = ["Polished", "load_polished", "save_polished"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import CameraError
+from ..core.errors import CameraError
 from .camera import Camera
 from .gaussians import Gaussians
 from .lens import focal_and_center, photo_pixels

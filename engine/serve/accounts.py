@@ -15,8 +15,8 @@ import threading
 import time
 from pathlib import Path
 
-from ..errors import SettingsError
-from ..files import atomic_write, read_bytes, read_json, write_json
+from ..core.errors import SettingsError
+from ..core.files import atomic_write, read_bytes, read_json, write_json
 
 __all__ = ["LOCAL_USER", "Accounts"]
 

@@ -17,7 +17,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from .. import __version__
-from ..errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError, PromptError, SettingsError
+from ..core.errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError, PromptError, SettingsError
 from .access import Server
 from .accounts import Accounts
 from .api import api_router

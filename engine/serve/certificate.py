@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import FormatError
-from ..files import atomic_write, read_bytes
+from ..core.errors import FormatError
+from ..core.files import atomic_write, read_bytes
 
 if TYPE_CHECKING:
     from cryptography.x509 import GeneralName

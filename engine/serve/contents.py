@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from ..errors import HeritageError
-from ..files import path_within
-from ..project_content import ProjectObject, is_project, list_objects
-from ..project_folder import ProjectFolder
-from ..records import load_record
-from ..refused_prompts import read_not_found
+from ..core.errors import HeritageError
+from ..core.files import path_within
+from ..project.content import ProjectObject, is_project, list_objects
+from ..project.folder import ProjectFolder
+from ..project.objects import load_record
+from ..project.refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
 from .library import WebProject, size_of
 from .trash import TrashItem

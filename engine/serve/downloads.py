@@ -7,10 +7,10 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from ..files import delete_derived, object_file
-from ..project_content import scene_file
-from ..records import MUSEUM_RECORD_FILE, RECORD_FILE
-from ..visible_text import visible
+from ..core.files import delete_derived, object_file
+from ..core.visible_text import visible
+from ..project.content import scene_file
+from ..project.objects import MUSEUM_RECORD_FILE, RECORD_FILE
 from .engine_call import call_engine
 from .library import NotFound, WebProject
 

@@ -6,20 +6,19 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from ..errors import HeritageError, ProjectError
-from ..events import ErrorEvent, Finished, from_json_line
+from ..core.errors import HeritageError, ProjectError
+from ..core.events import ErrorEvent, Finished, from_json_line
+from ..core.system import CODE_ROOT
 
 __all__ = ["call_engine"]
 
-_ROOT = Path(__file__).resolve().parents[2]
 _MAX_SECONDS = 600
 
 
 def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
-    """Run ``python -m engine`` with `arguments` and return its results, see `engine.events.Finished`.
+    """Run ``python -m engine`` with `arguments` and return its results, see `engine.core.events.Finished`.
 
     Parameters
     ----------
@@ -36,7 +35,7 @@ def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
     """
     # -P: a file in the current folder must not pass for a module of ours.
     command = [sys.executable, "-P", "-m", "engine", *arguments, "--events"]
-    environment = {**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONSAFEPATH": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(CODE_ROOT), "PYTHONSAFEPATH": "1"}
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, env=environment, timeout=_MAX_SECONDS, check=False

@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from ..errors import FormatError, ProjectError
-from ..files import delete_derived, read_json, write_json
+from ..core.errors import FormatError, ProjectError
+from ..core.files import delete_derived, read_json, write_json
 from .engine_call import call_engine
 from .library import WebProject, size_of
 from .settings import ServeSettings

@@ -6,7 +6,7 @@ import http.client
 import ssl
 from http import HTTPStatus
 
-from ..errors import EnvironmentProblem
+from ..core.errors import EnvironmentProblem
 from .settings import ServeSettings
 
 __all__ = ["check_server"]

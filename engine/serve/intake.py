@@ -8,11 +8,11 @@ import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError
-from ..files import delete_derived, file_sha256, problem_of_inner_name, write_problem
+from ..core.errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError
+from ..core.files import delete_derived, file_sha256, problem_of_inner_name, write_problem
+from ..core.system import replace_file
 from ..photos import SUFFIXES, VIDEO, kind_of_file, live_photo_of
 from ..photos.settings import VIDEO_SUFFIXES
-from ..system import replace_file
 from .library import NotFound, WebProject, free_name
 from .settings import PHOTO_TYPES, ServeSettings
 from .small_photos import write_small_photo

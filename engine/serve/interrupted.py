@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
 
-from ..errors import Cancelled
-from ..jobs import Job
+from ..core.errors import Cancelled
+from ..workers.jobs import Job
 
 __all__ = ["interrupted_jobs"]
 

@@ -1,6 +1,6 @@
 """Runs the engine for all users, as processes that outlive the server: one job after the other, or on a cluster.
 
-A waiting job is a file; a running or ended one is a folder of its project, see `engine.jobs`. The thread of the queue
+A waiting job is a file; a running or ended one is a folder of its project, see `engine.workers.jobs`. The thread of the queue
 polls the running jobs. After a restart of the server they are found again and the waiting ones follow. With a Dask
 cluster, the process is ``remote``, which has the work done on a worker; Dask decides when and where.
 """
@@ -16,9 +16,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..errors import HeritageError, ProjectError
-from ..files import delete_derived
-from ..jobs import Job, JobState, WaitingJob, seconds_left_in_all
+from ..core.errors import HeritageError, ProjectError
+from ..core.files import delete_derived
+from ..core.system import CODE_ROOT
+from ..workers.jobs import Job, JobState, WaitingJob, seconds_left_in_all
 from .feeds import Feeds
 from .interrupted import interrupted_jobs
 from .library import PROJECT, WebProject
@@ -31,8 +32,6 @@ _STOP_SECONDS = 30.0
 """Time that a job has to save its work when the server ends; compose.yaml allows for it."""
 _ON_CLUSTER = 8
 """Jobs that a cluster gets at a time, each of another project: some 100 MB of memory each on the server."""
-_ROOT = Path(__file__).resolve().parents[2]
-"""The folder that contains the package `engine`."""
 _LABELS = {"--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}"}
 _WORDS = {"--all": "Find all objects", "--complement": "Isolate the background"}
 _CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment": ("objects",)}
@@ -308,7 +307,7 @@ def _words(command: Sequence[str]) -> list[str]:
 
 
 def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(_ROOT), "PYTHONSAFEPATH": "1"}
+    return {**os.environ, "PYTHONPATH": str(CODE_ROOT), "PYTHONSAFEPATH": "1"}
 
 
 def _view_of_waiting(waiting: WaitingJob) -> JobView:

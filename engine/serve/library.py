@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ..errors import FormatError, ProjectError
-from ..files import delete_derived, is_inner_name, path_within, read_json, write_json, write_problem
+from ..core.errors import FormatError, ProjectError
+from ..core.files import delete_derived, is_inner_name, path_within, read_json, write_json, write_problem
 from ..photos.settings import VIDEO_SUFFIXES
 from .settings import PHOTO_TYPES, ServeSettings
 from .trash import Trash, TrashItem

@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
 
-from ..files import read_bytes
+from ..core.files import read_bytes
 
 __all__ = ["PageFiles"]
 

@@ -6,11 +6,11 @@ import hashlib
 
 from fastapi.responses import FileResponse
 
-from ..errors import FormatError
-from ..files import object_file, read_json, write_json
-from ..project_content import list_objects, report_file, scene_file
-from ..records import RECORD_FILE
-from ..visible_text import visible
+from ..core.errors import FormatError
+from ..core.files import object_file, read_json, write_json
+from ..core.visible_text import visible
+from ..project.content import list_objects, report_file, scene_file
+from ..project.objects import RECORD_FILE
 from .engine_call import call_engine
 from .library import NotFound, WebProject
 

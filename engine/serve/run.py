@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 import uvicorn
 from filelock import FileLock, Timeout
 
-from ..errors import DiskError, EnvironmentProblem, ProjectError, SettingsError
-from ..events import Emit, Finished, StopCheck
+from ..core.errors import DiskError, EnvironmentProblem, ProjectError, SettingsError
+from ..core.events import Emit, Finished, StopCheck
 from .access import Server
 from .accounts import Accounts
 from .app import PAGE, create_app

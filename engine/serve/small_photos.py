@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
-from ..files import atomic_write
+from ..core.errors import FormatError
+from ..core.files import atomic_write
 
 __all__ = ["SMALL_SIDE", "kept_small_photo", "small_photo", "write_small_photo"]
 __all__ = ["SMALL_SIDE", "kept_small_photo", "small_photo", "write_jpeg", "write_small_photo"]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from ..visible_text import visible
+from ..core.visible_text import visible
 
 __all__ = ["Line", "Lines"]
 

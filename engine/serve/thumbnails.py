@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import delete_derived, object_file
-from ..records import RECORD_FILE, read_record
+from ..core.files import delete_derived, object_file
+from ..project.objects import RECORD_FILE, read_record
 from .library import NotFound, WebProject
 from .small_photos import write_jpeg
 

@@ -7,9 +7,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import DiskError
-from ..files import delete_derived, is_inner_name
-from ..system import name_in_order, replace_file
+from ..core.errors import DiskError
+from ..core.files import delete_derived, is_inner_name
+from ..core.system import name_in_order, replace_file
 
 __all__ = ["Trash", "TrashItem"]
 

@@ -20,8 +20,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..errors import DiskError, HeritageError
-from ..files import delete_derived, read_json, write_json, write_problem
+from ..core.errors import DiskError, HeritageError
+from ..core.files import delete_derived, read_json, write_json, write_problem
 from .settings import ServeSettings
 
 __all__ = ["TooManyUploads", "Upload", "Uploads"]

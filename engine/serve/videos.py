@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ..jobs import Job
+from ..workers.jobs import Job
 from .library import WebProject, size_of
 
 __all__ = ["describe_videos", "frames_arguments"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..lazy_exports import lazy_exports
+from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .background import background_gaussians
@@ -12,16 +12,27 @@ if TYPE_CHECKING:
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .coverage import WELL_SEEN, Coverage
     from .earlier_releases import former_settings
+    from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
     from .parameters import Parameters, render
     from .polishing import AloneTarget, train_alone
     from .quality import gaussians_so_far, measure_quality
     from .result import TrainingResult
+    from .scene_files import FEATURES_FILE, SCENE_FILE, load_features, load_gaussians, save_gaussians
     from .schedule import Schedule
     from .start import start_gaussians
     from .views import TrainingView, is_held_out, load_views
 
 __all__ = [
+    "save_gaussians",
+    "load_gaussians",
+    "load_features",
+    "initial_features",
+    "gaussians_from_points",
+    "gaussians_at",
+    "InitialValues",
+    "SCENE_FILE",
+    "FEATURES_FILE",
     "CHECKPOINT_FILE",
     "WELL_SEEN",
     "AloneTarget",

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..gaussians import gaussians_at
 from ..scene import Gaussians, PinholeCamera
+from . import gaussians_at
 from .settings import TrainingSettings
 from .start import initial_values
 from .views import TrainingView, scene_extent

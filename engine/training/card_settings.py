@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-from ..settings import to_dict
+from ..core.settings import to_dict
 from .settings import PRESETS, TrainingSettings
 
 __all__ = ["CARD_SIZES", "CardSizes", "key_values", "settings_with_sizes", "sizes_on_card"]

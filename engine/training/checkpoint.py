@@ -19,8 +19,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..errors import FormatError, NumericalError
-from ..files import ArraySpec, atomic_write, delete_derived, finite_or_null, parse_json, read_arrays
+from ..core.errors import FormatError, NumericalError
+from ..core.files import ArraySpec, atomic_write, delete_derived, finite_or_null, parse_json, read_arrays
 from ..rasterizer import AdamState
 from ..scene import Gaussians
 from .card_settings import key_values

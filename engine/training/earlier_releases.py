@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..settings import to_dict
+from ..core.settings import to_dict
 from .settings import PRESETS, TrainingSettings
 
 __all__ = ["former_settings"]

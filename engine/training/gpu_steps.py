@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import torch
 
-from ..errors import EnvironmentProblem
+from ..core.errors import EnvironmentProblem
 from ..rasterizer import GpuExposures, GpuParameters, GpuTrainer, StepPlan, open_gpu
 from .checkpoint import RunState
 from .densify import grow, grow_by_error, relocate

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import torch
 
-from ..errors import EnvironmentProblem, NumericalError, TrainingError, is_out_of_memory
+from ..core.errors import EnvironmentProblem, NumericalError, TrainingError, is_out_of_memory
 from ..rasterizer.settings import ALPHA_MIN, MAX_REFUSED_STEPS
 from ..scene import Gaussians
 from .parameters import Parameters

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..files import atomic_write
+from ..core.files import atomic_write
 from ..rasterizer import ssim
 from .parameters import render
 from .settings import Backend

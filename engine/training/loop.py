@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..errors import Cancelled, DiskError
-from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
-from ..processor import one_thread
+from ..core.errors import Cancelled, DiskError
+from ..core.events import Emit, Metric, Preview, Progress, StopCheck, Warned
+from ..core.processor import one_thread
 from ..rasterizer import AdamState, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..errors import Cancelled
-from ..events import StopCheck
+from ..core.errors import Cancelled
+from ..core.events import StopCheck
 from ..rasterizer.settings import Backend
 from ..scene import Gaussians, PinholeCamera
 from .parameters import Parameters, render

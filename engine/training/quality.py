@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..events import StopCheck
+from ..core.events import StopCheck
 from ..scene import CameraSet, Gaussians
 from .checkpoint import read_state
 from .coverage import WELL_SEEN, Coverage

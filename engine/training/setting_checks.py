@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..settings import require
+from ..core.settings import require
 
 __all__ = ["require_at_least", "require_choice", "require_factor", "require_fraction", "require_positive"]
 

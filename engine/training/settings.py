@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal
 
-from ..errors import SettingsError
-from ..settings import require
+from ..core.errors import SettingsError
+from ..core.settings import require
 from .setting_checks import require_at_least, require_choice, require_factor, require_fraction, require_positive
 
 __all__ = [
@@ -356,7 +356,7 @@ class MeasurementSettings:
 class TrainingSettings:
     """How Gaussians are trained.
 
-    The names of all fields of all groups differ, so that `changed` needs no group and `engine.settings.to_dict` stores
+    The names of all fields of all groups differ, so that `changed` needs no group and `engine.core.settings.to_dict` stores
     them side by side.
 
     Attributes

@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..events import Emit
-from ..gaussians import InitialValues, gaussians_from_points
+from ..core.events import Emit
 from ..scene import FEATURE_DIM, CameraSet, Gaussians
+from . import InitialValues, gaussians_from_points
 from .settings import TrainingSettings
 from .views import TrainingView
 

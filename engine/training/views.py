@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import TrainingError
-from ..events import StopCheck, never_stop
+from ..core.errors import TrainingError
+from ..core.events import StopCheck, never_stop
 from ..rasterizer import Target
 from ..scene import Camera, CameraSet, PinholeCamera
 from .losses import LabelledPixels, labelled_pixels
@@ -112,7 +112,7 @@ def load_views(
         When the aspect ratios of a photo and its camera differ, or no pixel is valid.
     """
     from ..cameras import training_pinhole, undistort
-    from ..errors import Cancelled
+    from ..core.errors import Cancelled
     from ..masks import read_label_map
     from ..photos import load_with_valid
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from engine import __version__
-from engine.models import CATALOGUE
+from engine.install.models import CATALOGUE
 
 LICENCE_FILE = re.compile(r"(^|/)(licen[cs]es?/|licen[cs]e|copying|notice)[^/]*$", re.IGNORECASE)
 MAX_LICENCE_BYTES = 1 << 20

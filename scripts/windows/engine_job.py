@@ -38,8 +38,8 @@ def main() -> int:
     """Run the job and print how it ended."""
     request = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     extension = Path(request["extension"])
-    process = _module("gaussian_heritage_addon.engine_process", extension)
-    jobs = _module("engine.jobs", extension)
+    process = _module("gaussian_heritage_addon.setup.engine_process", extension)
+    jobs = _module("engine.workers.jobs", extension)
     given = {"environ": os.environ, "root": extension, "cache": Path(request["kernels"])}
     wanted = inspect.signature(process.engine_environment).parameters
     environment = process.engine_environment(**{name: given[name] for name in wanted})

@@ -2,7 +2,7 @@
 
     python scripts/windows/launch.py [options] -- python arguments
 
-example: python scripts/windows/launch.py --packages -- -m pytest -q tests/engine/files
+example: python scripts/windows/launch.py --packages -- -m pytest -q tests/engine/core/files
 """
 
 from __future__ import annotations

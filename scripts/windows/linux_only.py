@@ -5,13 +5,13 @@ from __future__ import annotations
 __all__ = ["BLENDER", "GROUPS", "NOT_ON_WINDOWS", "QUICK"]
 
 GROUPS = {
-    "processes": ("tests/engine/test_child_process.py", "tests/engine/jobs", "tests/engine/system"),
-    "files": ("tests/engine/files", "tests/engine/test_project_folder.py"),
+    "processes": ("tests/engine/test_child_process.py", "tests/engine/workers/jobs", "tests/engine/core/system"),
+    "files": ("tests/engine/core/files", "tests/engine/test_project_folder.py"),
     "structure of photos": ("tests/engine/photos",),
-    "installer": ("tests/engine/installation",),
-    "model files": ("tests/engine/models",),
+    "installer": ("tests/engine/install/environment",),
+    "model files": ("tests/engine/install/models",),
     "formats": ("tests/engine/formats", "tests/engine/scene"),
-    "records": ("tests/engine/records", "tests/engine/packages"),
+    "records": ("tests/engine/delivery/records", "tests/engine/delivery/packages"),
     "command line": ("tests/engine/test_cli.py", "tests/engine/test_events.py", "tests/engine/test_settings.py"),
     "computer": ("tests/engine/test_doctor.py", "tests/engine/test_provenance.py"),
     "pipeline": ("tests/engine/test_pipeline.py", "tests/engine/test_first_release.py"),
@@ -29,7 +29,7 @@ NOT_ON_WINDOWS: dict[str, str] = {
     "tests/engine/photos/test_bounded.py::test_child_without_enough_memory_rejects_its_photo_only": (
         "the memory of a child process is bounded on Linux only"
     ),
-    "tests/engine/packages/test_hostile_packages.py::test_link_in_a_package_is_refused": (
+    "tests/engine/delivery/packages/test_hostile_packages.py::test_link_in_a_package_is_refused": (
         "under Wine, a symbolic link is shown as the file that it leads to"
     ),
     "tests/engine/test_pipeline.py::test_stop_signal_is_one_sentence_and_the_next_run_continues": (

@@ -40,7 +40,7 @@ SOURCE = (
 
 LOCKED = {
     "tests": (
-        *(ROOT / "engine" / "installation" / f"locked-{name}.txt" for name in ("engine", "torch", "pip")),
+        *(ROOT / "engine" / "install" / "environment" / f"locked-{name}.txt" for name in ("engine", "torch", "pip")),
         *(ROOT / "requirements" / f"locked-{name}.txt" for name in ("serve", "batch", "formats", "dev")),
     ),
     "blender": tuple(ROOT / "requirements" / f"locked-{name}.txt" for name in ("blender-4.5", "bpy-4.5")),

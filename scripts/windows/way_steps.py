@@ -81,7 +81,9 @@ def write_bundle(context: Context) -> str:
     """Write an offline bundle for Windows on this computer."""
     out = _bundle(context)
     out.unlink(missing_ok=True)
-    _on_linux([sys.executable, "-m", "engine.installation", "bundle", out, "--system", "windows"], context, os.environ)
+    _on_linux(
+        [sys.executable, "-m", "engine.install.environment", "bundle", out, "--system", "windows"], context, os.environ
+    )
     return f"{out.stat().st_size / 1e6:.0f} MB"
 
 
@@ -139,7 +141,7 @@ def _places(computer: Windows) -> tuple[Path, Path]:
     """Return the folder that the product chooses for the engine on a computer, and the engine's Python in it."""
     if computer.folder not in _engines:
         program = (
-            "from engine.installation import EngineEnvironment, default_folder\n"
+            "from engine.install.environment import EngineEnvironment, default_folder\n"
             "engine = EngineEnvironment(default_folder())\n"
             "print(ascii([str(engine.folder), str(engine.python)]))"
         )
@@ -179,7 +181,7 @@ def _set_up(context: Context, computer: Windows, options: Sequence[object] = (),
 
 def _install_command(computer: Windows, options: Sequence[object]) -> list[object]:
     """Return the command line of the installer, which Blender's Python runs."""
-    words = [computer.python, "-m", "engine.installation", "install", "--folder", _engine(computer)]
+    words = [computer.python, "-m", "engine.install.environment", "install", "--folder", _engine(computer)]
     return [*words, "--torch", "cpu", "--python", computer.python, *options]
 
 

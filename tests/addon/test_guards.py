@@ -9,7 +9,7 @@ import pytest
 
 from .conftest import ROOT
 
-GUARDS = ROOT / "gaussian_heritage_addon" / "guards.py"
+GUARDS = ROOT / "gaussian_heritage_addon" / "blender" / "guards.py"
 FILES = sorted(
     [ROOT / "__init__.py", *(ROOT / "gaussian_heritage_addon").rglob("*.py"), *(ROOT / "operators").rglob("*.py")]
 )

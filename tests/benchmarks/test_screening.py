@@ -17,9 +17,9 @@ from benchmarks.training.screening import gsplat_raster, gsplat_training
 from benchmarks.training.screening.__main__ import main, overview
 from benchmarks.training.screening.gsplat_training import train_gsplat
 from benchmarks.training.screening.views_file import read_views, write_views
-from engine.errors import FormatError
-from engine.events import ignore_events, never_stop
-from engine.files import write_json
+from engine.core.errors import FormatError
+from engine.core.events import ignore_events, never_stop
+from engine.core.files import write_json
 from engine.formats import SH_C0
 from engine.rasterizer import rasterize
 from engine.scene import CameraSet, Gaussians, PinholeCamera

@@ -13,8 +13,8 @@ from benchmarks.training.photo_sets import NAMES, photo_set
 from benchmarks.training.running import Measured, TrainingBench
 from benchmarks.training.table import details, overview
 from benchmarks.training.variants import VARIANTS
-from engine.errors import SettingsError
-from engine.files import write_json
+from engine.core.errors import SettingsError
+from engine.core.files import write_json
 from engine.training.settings import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.viewport_clicks import click_objects
-from engine.evaluation import GroundTruth
+from engine.quality.evaluation import GroundTruth
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene, make_scene
 
 NAMES = {RED: "red", TWIN: "twin", BLUE: "blue"}

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from engine.cli import build_parser
+from engine.cli.main import build_parser
 from engine.serve import job_queue
 
 ROOT = Path(__file__).resolve().parents[2]

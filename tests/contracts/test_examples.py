@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from engine.core.words import split_texts, word_list
 from engine.objects.spatial import parse_spatial
-from engine.words import split_texts, word_list
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(
@@ -71,12 +71,12 @@ def test_every_example_is_a_known_word() -> None:
     ("file", "text"),
     [
         ("README.md", "vase, teapot"),
-        ("engine/cli.py", "vase, teapot"),
-        ("engine/commands/segment.py", "vase, teapot"),
-        ("engine/commands/scene_options.py", "vase, teapot"),
+        ("engine/cli/main.py", "vase, teapot"),
+        ("engine/cli/commands/segment.py", "vase, teapot"),
+        ("engine/cli/commands/scene_options.py", "vase, teapot"),
         ("engine/serve/page/src/views/objects.js", "vase, teapot"),
-        ("gaussian_heritage_addon/objects_panel.py", "vase, teapot"),
-        ("gaussian_heritage_addon/german_tooltips.py", "vase, teapot"),
+        ("gaussian_heritage_addon/panels/objects_panel.py", "vase, teapot"),
+        ("gaussian_heritage_addon/language/german_tooltips.py", "vase, teapot"),
         ("operators/import_photos.py", "vase, teapot"),
         ("operators/isolate.py", "vase"),
         ("docs/curators.md", "vase, teapot"),
@@ -95,5 +95,5 @@ def test_unknown_example_is_reported() -> None:
 
 def test_german_placeholder_is_the_english_one() -> None:
     """Words are English in every language of the interface."""
-    text = (ROOT / "gaussian_heritage_addon" / "german.py").read_text(encoding="utf-8")
+    text = (ROOT / "gaussian_heritage_addon" / "language" / "german.py").read_text(encoding="utf-8")
     assert '"vase, teapot": "vase, teapot"' in text

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.evaluation.settings import IN_SAMPLE_SCENES
+from engine.quality.evaluation.settings import IN_SAMPLE_SCENES
 
 from .test_constants import SETS
 

@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("gaussian_heritage_addon", "operators")
-CHECKED = ROOT / "gaussian_heritage_addon" / "world_placement.py"
+CHECKED = ROOT / "gaussian_heritage_addon" / "blender" / "world_placement.py"
 STALE = ("matrix_world", "matrix_local")
 """What Blender computes when it evaluates an object; ``matrix_basis`` are the object's own channels."""
 

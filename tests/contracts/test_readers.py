@@ -1,4 +1,4 @@
-"""Files are read, and deleted, in engine/files only, where size, type and shape are checked before anything is used."""
+"""Files are read, and deleted, in engine/core/files only, where size, type and shape are checked before anything is used."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("engine", "gaussian_heritage_addon", "operators")
-CHECKED = "engine/files"
+CHECKED = "engine/core/files"
 """The package that reads, writes and deletes."""
 
 FORBIDDEN = {
@@ -45,58 +45,58 @@ FORBIDDEN = {
     "os.unlink": "delete_derived",
     ".unlink": "delete_derived",
 }
-"""Call: what to use of `engine.files` instead. A name with a dot in front is a method of any object."""
+"""Call: what to use of `engine.core.files` instead. A name with a dot in front is a method of any object."""
 FORBIDDEN_MODULES = ("pickle", "marshal", "shelve", "dill", "joblib")
 """Modules that run code from the data that they read."""
 
 _OWN_CODE = "the program's own source, which lies beside this file"
 _SYSTEM = "a file of the Linux kernel, which has no size and belongs to no project"
-_STEP = "the step of engine/files that waits for other programs"
+_STEP = "the step of engine/core/files that waits for other programs"
 _ARCHIVE = "takes one file of a downloaded package, whose size the catalogue states, out of a stream from `opened`"
 _BUNDLE = "an offline bundle: only files that it lists in two folders are unpacked, with their SHA-256"
 _PILLOW = "gets a stream from `opened`; the number of pixels is checked before they are decoded"
 EXCEPTIONS: dict[tuple[str, str], str] = {
-    ("engine/lazy_exports.py", ".read_text"): _OWN_CODE,
+    ("engine/core/lazy_exports.py", ".read_text"): _OWN_CODE,
     ("engine/rasterizer/jit.py", ".read_bytes"): _OWN_CODE,
-    ("engine/system/machine.py", ".read_text"): _SYSTEM,
-    ("engine/system/limits.py", ".read_text"): _SYSTEM,
-    ("engine/system/processes.py", ".read_bytes"): _SYSTEM,
-    ("engine/system/times.py", ".open"): "a handle for a question about the file, which is not read",
-    ("engine/system/paths.py", "shutil.rmtree"): "a folder that it has just made, for a trial",
-    ("engine/system/replacing.py", "shutil.rmtree"): _STEP,
-    ("engine/system/replacing.py", ".unlink"): _STEP,
+    ("engine/core/system/machine.py", ".read_text"): _SYSTEM,
+    ("engine/core/system/limits.py", ".read_text"): _SYSTEM,
+    ("engine/core/system/processes.py", ".read_bytes"): _SYSTEM,
+    ("engine/core/system/times.py", ".open"): "a handle for a question about the file, which is not read",
+    ("engine/core/system/paths.py", "shutil.rmtree"): "a folder that it has just made, for a trial",
+    ("engine/core/system/replacing.py", "shutil.rmtree"): _STEP,
+    ("engine/core/system/replacing.py", ".unlink"): _STEP,
     (
-        "engine/grounding/efficientnet.py",
+        "engine/objects/grounding/efficientnet.py",
         "torch.load",
     ): "reads a weight file after its SHA-256 was checked, and unpickles tensors only (weights_only)",
-    ("engine/child_process.py", "os.open"): "the null device",
+    ("engine/core/child_process.py", "os.open"): "the null device",
     (
-        "engine/child_process.py",
+        "engine/core/child_process.py",
         "json.loads",
     ): "the request of the parent process, which is this program; names of files "
     "in it may have characters that `parse_json` refuses",
     ("engine/formats/usd.py", ".open"): "the file that OpenUSD has just written, whose bytes are forced to the disk",
     ("engine/formats/sog_writing.py", "zipfile.ZipFile"): "a file that is written",
     ("engine/pictures/webp.py", "PIL.Image.open"): "bytes whose size in pixels was checked; every error is translated",
-    ("gaussian_heritage_addon/sog_pictures.py", ".read_bytes"): "the picture that Blender has just written",
+    ("gaussian_heritage_addon/splats/sog_pictures.py", ".read_bytes"): "the picture that Blender has just written",
     ("engine/cameras/colmap_calls.py", ".open"): "the database of the run's own folder; every error is translated",
-    ("engine/models/archives.py", "zipfile.is_zipfile"): _ARCHIVE,
-    ("engine/models/archives.py", "zipfile.ZipFile"): _ARCHIVE,
-    ("engine/models/archives.py", ".open"): _ARCHIVE,
-    ("engine/models/archives.py", "tarfile.TarFile"): _ARCHIVE,
-    ("engine/https.py", ".open"): "a connection, no file",
-    ("engine/installation/locked.py", ".read_text"): _OWN_CODE,
+    ("engine/install/models/archives.py", "zipfile.is_zipfile"): _ARCHIVE,
+    ("engine/install/models/archives.py", "zipfile.ZipFile"): _ARCHIVE,
+    ("engine/install/models/archives.py", ".open"): _ARCHIVE,
+    ("engine/install/models/archives.py", "tarfile.TarFile"): _ARCHIVE,
+    ("engine/core/https.py", ".open"): "a connection, no file",
+    ("engine/install/environment/locked.py", ".read_text"): _OWN_CODE,
     (
-        "engine/jobs/waiting.py",
+        "engine/workers/jobs/waiting.py",
         ".unlink",
     ): "a file in a folder of ours; whether it was there decides which of several Blenders starts the job",
-    ("engine/installation/bundle.py", "zipfile.ZipFile"): _BUNDLE,
-    ("engine/installation/bundle.py", ".open"): _BUNDLE,
-    ("engine/installation/pip_command.py", ".open"): "the log of pip, whose lines are only shown",
+    ("engine/install/environment/bundle.py", "zipfile.ZipFile"): _BUNDLE,
+    ("engine/install/environment/bundle.py", ".open"): _BUNDLE,
+    ("engine/install/environment/pip_command.py", ".open"): "the log of pip, whose lines are only shown",
     ("engine/photos/pixels.py", "PIL.Image.open"): _PILLOW,
     ("engine/objects/prompts.py", "PIL.Image.open"): _PILLOW,
-    ("engine/project_folder.py", ".open"): "the lock, whose content is never read",
-    ("engine/evaluation/ground_truth.py", "PIL.Image.open"): _PILLOW,
+    ("engine/project/folder.py", ".open"): "the lock, whose content is never read",
+    ("engine/quality/evaluation/ground_truth.py", "PIL.Image.open"): _PILLOW,
 }
 """Call in a file: why it is right there. Keep this short; an exception without a use is an error."""
 
@@ -187,7 +187,7 @@ def places() -> Iterator[tuple[str, int, str]]:
 
 def test_files_are_read_and_deleted_in_one_package() -> None:
     found = [
-        f"{file}:{line}: {call}; use {FORBIDDEN.get(call, 'engine.files')}"
+        f"{file}:{line}: {call}; use {FORBIDDEN.get(call, 'engine.core.files')}"
         for file, line, call in places()
         if (file, call) not in EXCEPTIONS
     ]

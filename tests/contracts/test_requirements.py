@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = ROOT / "requirements"
 LOCKED_FILES = {
     file.stem: file
-    for folder in (REQUIREMENTS, ROOT / "engine" / "installation")
+    for folder in (REQUIREMENTS, ROOT / "engine" / "install" / "environment")
     for file in folder.glob("locked-*.txt")
 }
 DISTRIBUTIONS = {
@@ -94,7 +94,7 @@ def test_scripts_start_before_any_environment() -> None:
     # scripts/windows runs in the engine's environment, for which `make windows-test` runs `make setup`.
     in_engine = {"opencv-contrib-python-headless", "packaging", "scipy"}
     ours.add("windows")
-    # `engine.installation` needs nothing else, as a contract of .importlinter demands.
+    # `engine.install.environment` needs nothing else, as a contract of .importlinter demands.
     ours.add("engine")
     assert imported(ROOT / "scripts") - ours - in_blender - in_engine == set()
 

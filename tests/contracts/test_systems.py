@@ -1,4 +1,4 @@
-"""Only engine/system asks which operating system it runs on."""
+"""Only engine/core/system asks which operating system it runs on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("engine", "gaussian_heritage_addon", "operators", "scripts")
-PLACE = "engine/system"
+PLACE = "engine/core/system"
 
 FORBIDDEN = {
     "sys.platform", "os.name", "platform.system", "platform.machine", "platform.win32_ver", "platform.mac_ver",

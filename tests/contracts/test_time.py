@@ -30,7 +30,7 @@ READS_A_CLOCK = {
 """Files that may read a clock, and why."""
 
 SHORT_LIMITS = {
-    "tests/engine/models/site.py": "ends connections of clients that are gone, so that the server can end",
+    "tests/engine/install/models/site.py": "ends connections of clients that are gone, so that the server can end",
     "tests/engine/photos/test_memory_budget.py": "a pause between two looks",
 }
 """Files that may have a short limit, and why."""

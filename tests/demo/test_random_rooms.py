@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from engine.cameras.model_reading import read_model
-from engine.events import never_stop
+from engine.core.events import never_stop
 
 SEEDS = range(50)
 

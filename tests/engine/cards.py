@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from engine.errors import EnvironmentProblem
+from engine.core.errors import EnvironmentProblem
 from engine.rasterizer.gpu import Gpu, open_adapter, open_gpu
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from engine.cli import main
+from engine.cli.main import main
 from tests.conftest import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from engine.planning.benchmark import calibrate
-from engine.planning.calibration import CALIBRATION_VARIABLE, REFERENCE
-from engine.system import describe_machine
+from engine.core.system import describe_machine
+from engine.pipeline.planning.benchmark import calibrate
+from engine.pipeline.planning.calibration import CALIBRATION_VARIABLE, REFERENCE
 from tests.engine.pictures.blob_scene import BlobScene, make_scene
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def _speed_of_the_reference_machine(tmp_path_factory: pytest.TempPathFactory) ->
     before = os.environ.get(CALIBRATION_VARIABLE)
     os.environ[CALIBRATION_VARIABLE] = str(tmp_path_factory.mktemp("calibration") / "calibration.json")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("engine.planning.benchmark.measure_speed", lambda: REFERENCE)
+        patch.setattr("engine.pipeline.planning.benchmark.measure_speed", lambda: REFERENCE)
         calibrate(describe_machine(), emit=lambda event: None)
     yield
     if before is None:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 
-from engine.commands import doctor
-from engine.errors import is_out_of_memory
-from engine.project_folder import ProjectFolder
-from engine.stability.memory_limit import MALLOC_ENVIRONMENT
+from engine.cli.commands import doctor
+from engine.core.errors import is_out_of_memory
+from engine.project.folder import ProjectFolder
+from engine.quality.stability.memory_limit import MALLOC_ENVIRONMENT
 from engine.training.checkpoint import CHECKPOINT_FILE
 from tests.engine.command_line import call, call_alone
 from tests.engine.museum import VIEWS, write_cameras, write_photos

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from engine.installation import Pip, TorchSource
+from engine.install.environment import Pip, TorchSource
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 TORCH = TorchSource("cpu", ("--no-deps", "torch==1.0"), True, "torch (cpu)")
@@ -73,7 +73,7 @@ def test_all_other_packages_have_hashes(
 
 
 def test_no_second_index_is_ever_added() -> None:
-    sources = [SCRIPTS / "setup_environments.py", *(SCRIPTS.parent / "engine" / "installation").glob("*.py")]
+    sources = [SCRIPTS / "setup_environments.py", *(SCRIPTS.parent / "engine" / "install" / "environment").glob("*.py")]
     assert len(sources) > 5
     assert not any("--extra-index-url" in source.read_text() for source in sources)
 

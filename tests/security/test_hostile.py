@@ -15,7 +15,7 @@ from benchmarks.security.hostile_cases import CASES, HONEST, Case, Sandbox
 from benchmarks.security.hostile_engine import run_case
 from benchmarks.security.hostile_packages import PACKAGES
 from benchmarks.security.tree import changed_bytes, differences, snapshot
-from engine.models import models_folder
+from engine.install.models import models_folder
 
 QUICK = (
     "id in object.json: '../../../precious/objects/vase'",

@@ -19,8 +19,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from engine.errors import HeritageError, SettingsError
-from engine.files import read_json
+from engine.core.errors import HeritageError, SettingsError
+from engine.core.files import read_json
 from engine.training import load_views
 from engine.training.settings import PRESETS
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import torch
 
-from engine.errors import EnvironmentProblem
-from engine.events import ignore_events, never_stop
-from engine.files import write_json
+from engine.core.errors import EnvironmentProblem
+from engine.core.events import ignore_events, never_stop
+from engine.core.files import write_json
 from engine.scene import Gaussians
 from engine.training import Coverage, Parameters, TrainingView, background_gaussians, start_gaussians, train
 from engine.training.quality import measure_levels

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from engine.files import ArraySpec, atomic_write, read_arrays
+from engine.core.files import ArraySpec, atomic_write, read_arrays
 from engine.scene import CameraSet, PinholeCamera
 from engine.training.views import TrainingView
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import EnvironmentProblem
+from ...core.errors import EnvironmentProblem
 from .modules import checks_can_be_left_out
 
 __all__ = ["Gpu", "describe_adapters", "open_adapter", "translate_card_errors"]

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch.autograd.function import once_differentiable
 
-from ...errors import NumericalError
+from ...core.errors import NumericalError
 from ..raster import CulledCounts, Raster, RasterInputs, check_finite, input_tensors
 from .adapters import Gpu, translate_card_errors
 from .frame import Frame

@@ -7,7 +7,7 @@ from typing import NoReturn
 import numpy as np
 import torch
 
-from ...errors import NumericalError
+from ...core.errors import NumericalError
 from ..raster import check_finite
 from .parameters import GpuParameters
 

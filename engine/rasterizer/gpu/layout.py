@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import NumericalError
+from ...core.errors import NumericalError
 
 __all__ = [
     "BLOCK",

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import torch
 
-from ...errors import EnvironmentProblem
+from ...core.errors import EnvironmentProblem
 from ...scene import PinholeCamera
 from ..cpu import rasterize_cpu
 from ..raster import RasterInputs

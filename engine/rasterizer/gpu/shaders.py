@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ...files import read_text
+from ...core.files import read_text
 from .. import settings
 from ..loss_kernels import SSIM_C1, SSIM_C2, SSIM_WINDOW
 from .adapters import Gpu

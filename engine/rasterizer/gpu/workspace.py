@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import EnvironmentProblem
-from ...system import free_memory
+from ...core.errors import EnvironmentProblem
+from ...core.system import free_memory
 from .adapters import Gpu, translate_card_errors
 from .constants import Constants, Uniform
 from .shaders import SCAN_BLOCK, SORT_BLOCK, kernels_of

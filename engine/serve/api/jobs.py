@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
-from ...errors import ProjectError, PromptError, SettingsError
-from ...files import object_file
-from ...jobs import Click, click_arguments, refine_arguments, text_arguments
-from ...records import RECORD_FILE
+from ...core.errors import ProjectError, PromptError, SettingsError
+from ...core.files import object_file
+from ...project.objects import RECORD_FILE
+from ...workers.jobs import Click, click_arguments, refine_arguments, text_arguments
 from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import has_scene
 from ..library import WebProject

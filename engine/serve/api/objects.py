@@ -11,10 +11,10 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from ...files import object_file
-from ...project_content import ProjectObject, list_objects, load_membership
-from ...project_folder import ProjectFolder
-from ...records import RECORD_FILE, delete_object, load_record, read_record, rename_object, save_record
+from ...core.files import object_file
+from ...project.content import ProjectObject, list_objects, load_membership
+from ...project.folder import ProjectFolder
+from ...project.objects import RECORD_FILE, delete_object, load_record, read_record, rename_object, save_record
 from ..access import CurrentProject, server_of
 from ..conditional import file_answer
 from ..contents import describe_object

@@ -16,8 +16,8 @@ from typing import Annotated
 from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, HTTPException, Request, Response
 
-from ...errors import DiskError, FormatError, HeritageError, ProjectError
-from ...files import file_sha256
+from ...core.errors import DiskError, FormatError, HeritageError, ProjectError
+from ...core.files import file_sha256
 from ..access import CurrentUser, Server, current_user, server_of
 from ..guards import TUS_VERSION, UPLOADS
 from ..intake import is_video, is_video_name, photo_name, take_in_photo, take_in_video

@@ -9,10 +9,10 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
-from ...files import path_within
-from ...project_folder import ProjectFolder
-from ...records import describe_unit
-from ...refused_prompts import read_not_found
+from ...core.files import path_within
+from ...delivery.records import describe_unit
+from ...project.folder import ProjectFolder
+from ...project.refused_prompts import read_not_found
 from ...scene import Camera, focal_and_center, looked_at, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
 from ..conditional import file_answer

@@ -1,4 +1,4 @@
-// Bundles src/ to dist/, and the page that exported scenes bring with them to engine/packages/viewer_files. `node build.mjs` needs only what `npm ci` installed.
+// Bundles src/ to dist/, and the page that exported scenes bring with them to engine/delivery/packages/viewer_files. `node build.mjs` needs only what `npm ci` installed.
 import { build } from "esbuild";
 import { copyFile, mkdir, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import path from "node:path";

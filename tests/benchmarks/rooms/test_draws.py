@@ -20,7 +20,7 @@ from benchmarks.rooms.draws import (
     test_seeds,
 )
 from benchmarks.rooms.repository import Repository
-from engine.errors import FormatError, ProjectError
+from engine.core.errors import FormatError, ProjectError
 
 from .repositories import commit, git, make_repository
 

@@ -14,17 +14,17 @@ import pytest
 
 from benchmarks.rooms.draws import CHOOSING_ROOMS
 from benchmarks.rooms.keeping import KEPT_FOLDER, pack_room, rounded, rounded_gaussians, unpack_room
-from engine.errors import FormatError, HeritageError, ProjectError
-from engine.gaussians import load_gaussians
+from engine.core.errors import FormatError, HeritageError, ProjectError
 from engine.masks import label_map_path, read_label_map
 from engine.masks.storage import write_label_map
 from engine.objects import MaskPrompt, find_objects, load_context
 from engine.objects.settings import BETTER
 from engine.pictures import write_png
-from engine.project_folder import ProjectFolder
-from tests.engine.evaluation.test_isolation import write_truth
+from engine.project.folder import ProjectFolder
+from engine.training import load_gaussians
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import RED, BlobScene, make_scene
+from tests.engine.quality.evaluation.test_isolation import write_truth
 
 ROOT = Path(__file__).resolve().parents[3]
 ROOM, COMMIT = CHOOSING_ROOMS[2], "0123456789abcdef" * 2 + "01234567"

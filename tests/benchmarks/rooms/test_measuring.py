@@ -11,14 +11,14 @@ import pytest
 from benchmarks.rooms import measuring
 from benchmarks.rooms.measuring import measure_project
 from benchmarks.rooms.results import figures_of, read_measured
-from engine.errors import Cancelled, ProjectError
-from engine.evaluation import evaluate_project
-from engine.evaluation.results import Evaluation
-from engine.events import ignore_events, never_stop
-from engine.project_folder import ProjectFolder
-from tests.engine.evaluation.test_isolation import HELD_OUT, write_truth
+from engine.core.errors import Cancelled, ProjectError
+from engine.core.events import ignore_events, never_stop
+from engine.project.folder import ProjectFolder
+from engine.quality.evaluation import evaluate_project
+from engine.quality.evaluation.results import Evaluation
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, PART_NAMES, RED, TWIN, BlobScene, make_scene
+from tests.engine.quality.evaluation.test_isolation import HELD_OUT, write_truth
 
 FIGURES = {"held_out": list(HELD_OUT), "psnr": 27.5, "measured_on": "test photos", "n_gaussians": 100}
 NAMES = {RED: "left ball", TWIN: "right ball", BLUE: "small ball"}

@@ -17,7 +17,7 @@ from benchmarks.rooms.draws import CHOOSING_ROOMS, Room
 from benchmarks.rooms.repository import Repository
 from benchmarks.rooms.results import read_result, result_file
 from benchmarks.rooms.running import MeasuringRun, is_rendered, run_command
-from engine.errors import EnvironmentProblem, FormatError, HeritageError, ProjectError
+from engine.core.errors import EnvironmentProblem, FormatError, HeritageError, ProjectError
 
 from .made_up import measured
 from .repositories import commit, make_repository

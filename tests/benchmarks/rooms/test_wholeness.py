@@ -42,8 +42,8 @@ def test_weights_are_written_as_the_detector_reads_them(
     out = tmp_path / "weights.txt"
     assert wholeness.main(["0", "1", "2", "--out", str(out)]) == 0
     assert "rooms left out" in capsys.readouterr().out
-    monkeypatch.setattr("engine.grounding.wholeness.WEIGHTS_FILE", out)
-    from engine.grounding.wholeness import _fit, whole_odds
+    monkeypatch.setattr("engine.objects.grounding.wholeness.WEIGHTS_FILE", out)
+    from engine.objects.grounding.wholeness import _fit, whole_odds
 
     _fit.cache_clear()
     bias, weights = fit(rooms)

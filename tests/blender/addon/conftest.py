@@ -66,7 +66,7 @@ def camera(part: Part) -> Any:
 def project(part: Part, random_gaussians: Callable[..., Any], camera: Any, tmp_path: Path) -> Any:
     """Return a finished project with 100 Gaussians, one camera and the object ``vase`` of rows 0..39."""
     folder = tmp_path / "müseum room_heritage"
-    part("engine.project_folder").ProjectFolder.create(folder)
+    part("engine.project.folder").ProjectFolder.create(folder)
     gaussians = random_gaussians(100, degree=1)
     part("engine.formats").write_ply(folder / "gaussians" / "scene.ply", gaussians)
     camera_set = part("engine.scene.camera").CameraSet(

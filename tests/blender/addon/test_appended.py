@@ -43,10 +43,12 @@ def seen_without_the_addon(file: Path, tmp_path: Path) -> list[int]:
 def test_saved_splats_are_seen_in_a_blender_without_the_addon(
     part: Part, random_gaussians: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scene, nodes = bpy.context.scene, part("gaussian_heritage_addon.splat_nodes")
-    splats = part("gaussian_heritage_addon.splats").SplatScene.create("s", random_gaussians(30), scene.collection)
+    scene, nodes = bpy.context.scene, part("gaussian_heritage_addon.splats.splat_nodes")
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.create(
+        "s", random_gaussians(30), scene.collection
+    )
     splats.object.heritage.role = "SCENE"
-    settings = part("gaussian_heritage_addon.display_settings")
+    settings = part("gaussian_heritage_addon.splats.display_settings")
     settings.show_as_set()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "small.blend"))
     assert nodes.display_input(splats.object, nodes.SHAPES) is False
@@ -78,8 +80,8 @@ def test_splats_of_another_file_are_rendered_as_in_it_once_the_scene_is_set_up(
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     scene = bpy.context.scene
     (bpy.ops.wm.link if link else bpy.ops.wm.append)(directory=f"{tmp_path / 'from.blend'}/Object/", filename="s")
-    part("gaussian_heritage_addon.cameras").add_cameras([square], scene.collection)
-    render = part("gaussian_heritage_addon.render_settings")
+    part("gaussian_heritage_addon.project.cameras").add_cameras([square], scene.collection)
+    render = part("gaussian_heritage_addon.splats.render_settings")
     assert render.missing_settings(scene)[-1] == "view_transform"
     bpy.ops.heritage.set_up_render()
     assert not render.missing_settings(scene)
@@ -106,8 +108,8 @@ def test_splats_that_are_appended_to_others_blend_as_these(
     part: Part, random_gaussians: Callable[..., Any], tmp_path: Path
 ) -> None:
     create, nodes = (
-        part("gaussian_heritage_addon.splats").SplatScene.create,
-        part("gaussian_heritage_addon.splat_nodes"),
+        part("gaussian_heritage_addon.splats.splats").SplatScene.create,
+        part("gaussian_heritage_addon.splats.splat_nodes"),
     )
     create("s", random_gaussians(5), bpy.context.scene.collection).object.heritage.role = "SCENE"
     bpy.context.scene.heritage.blending = "TRAINED"

@@ -52,7 +52,7 @@ def current() -> str:
 
 
 def rows_of(part: Part, name: str) -> set[int]:
-    return set(part("gaussian_heritage_addon.hand_edits").member_rows(bpy.data.objects[name]).tolist())
+    return set(part("gaussian_heritage_addon.project.hand_edits").member_rows(bpy.data.objects[name]).tolist())
 
 
 def pixel(project: Any, camera: Any, point: tuple[float, float, float]) -> tuple[float, float]:
@@ -262,7 +262,7 @@ def test_edits_are_stored_in_the_project_by_the_engine(balls: Any, part: Part, i
         assert bpy.ops.heritage.store_edits() == {"FINISHED"}
     finally:
         preferences.engine_python = ""
-    content = part("engine.project_content")
+    content = part("engine.project.content")
     names = {item.id: item.name for item in content.list_objects(balls.folder)}
     assert names == {"left": "Left", "vase": "Vase", "fenster-öst": "Fenster öst"}
     stored = content.load_membership(balls.folder, "left", 600)

@@ -75,7 +75,7 @@ def test_click_is_the_pixel_of_the_photo_however_the_view_is_zoomed(
     opened: Any, camera: Any, part: Part, zoom: float, shift: tuple[float, float], resolution: tuple[int, int]
 ) -> None:
     window = Window(zoom, shift)
-    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
+    viewport = part("gaussian_heritage_addon.project.clicking").Viewport(bpy.context.scene, window.area)
     viewport.show_photo(0)
     assert window.region_3d.view_perspective == "CAMERA"
     # The resolution of renders must not matter.
@@ -95,8 +95,8 @@ def test_click_is_the_pixel_of_the_photo_however_the_view_is_zoomed(
 
 
 def test_other_view_or_moved_camera_is_a_clear_error(opened: Any, part: Part) -> None:
-    errors, window = part("engine.errors"), Window()
-    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
+    errors, window = part("engine.core.errors"), Window()
+    viewport = part("gaussian_heritage_addon.project.clicking").Viewport(bpy.context.scene, window.area)
     viewport.show_photo(0)
     window.update_matrix()
     viewport.click(370, 230, True)
@@ -138,7 +138,7 @@ def save_photo(part: Part, project: Path, name: str, orientation: int) -> None:
 @pytest.mark.parametrize("orientation", [1, 6])
 def test_photo_is_aligned_with_the_splats(opened: Any, camera: Any, part: Part, orientation: int) -> None:
     save_photo(part, opened.folder, camera.photo, orientation)
-    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, Window().area)
+    viewport = part("gaussian_heritage_addon.project.clicking").Viewport(bpy.context.scene, Window().area)
     viewport.show_photo(0)
     assert viewport.photo_problem == ""
     scene = bpy.context.scene
@@ -175,7 +175,7 @@ def test_photo_is_aligned_with_the_splats(opened: Any, camera: Any, part: Part, 
 
 def test_missing_photo_does_not_prevent_clicking(opened: Any, camera: Any, part: Part) -> None:
     window = Window()
-    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
+    viewport = part("gaussian_heritage_addon.project.clicking").Viewport(bpy.context.scene, window.area)
     viewport.show_photo(0)
     assert "photos.json cannot be read" in viewport.photo_problem
     save_photo(part, opened.folder, camera.photo, 1)
@@ -191,11 +191,11 @@ def test_missing_photo_does_not_prevent_clicking(opened: Any, camera: Any, part:
 
 
 def test_photos_are_visited_in_order(opened: Any, part: Part, camera: Any) -> None:
-    cameras, scene = part("gaussian_heritage_addon.cameras"), bpy.context.scene
+    cameras, scene = part("gaussian_heritage_addon.project.cameras"), bpy.context.scene
     others = [part("engine.scene.camera").Camera(name, 64, 48, "PINHOLE", LENS[:4], camera.viewmat) for name in "zy"]
     cameras.add_cameras(others, scene.collection)
     scene.render.resolution_x, scene.render.resolution_y = 100, 100
-    viewport = part("gaussian_heritage_addon.clicking").Viewport(scene, Window().area)
+    viewport = part("gaussian_heritage_addon.project.clicking").Viewport(scene, Window().area)
     viewport.show_photo(0)
     # Clicking keeps the longest side of renders.
     assert (cameras.current_photo(scene), scene.render.resolution_x, scene.render.resolution_y) == (
@@ -335,7 +335,7 @@ for line in sys.stdin:
 @pytest.fixture
 def windowed(part: Part, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Let the masks of clicks be shown as in a window, with an engine that answers."""
-    module = part("gaussian_heritage_addon.click_masks")
+    module = part("gaussian_heritage_addon.jobs.click_masks")
     monkeypatch.setattr(module, "bpy", SimpleNamespace(app=SimpleNamespace(background=False), types=bpy.types))
     # Timers do not run in bpy as a module, and one that is left hangs at its exit.
     monkeypatch.setattr(module, "_timer", SimpleNamespace(start=lambda seconds: None, stop=lambda: None))

@@ -29,14 +29,14 @@ def bounds(obj: bpy.types.Object) -> np.ndarray:
 def test_bounds_are_those_of_the_gaussians_that_are_shown(opened: Any, part: Part) -> None:
     bpy.context.scene.heritage.show = "OBJECTS"
     vase = isolated()["vase"]
-    splats = part("gaussian_heritage_addon.splats").SplatScene.of(vase)
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.of(vase)
     means, opacities = splats.attribute("position"), splats.attribute("radiance:base")[:, 3]
-    opaque = opacities > part("gaussian_heritage_addon.splat_nodes")._SOLID_OPACITY
+    opaque = opacities > part("gaussian_heritage_addon.splats.splat_nodes")._SOLID_OPACITY
     for threshold in (0.5, 0.9):
         vase.heritage.threshold = threshold
         shown = means[opaque & (splats.membership >= np.float32(threshold))]
         np.testing.assert_allclose(bounds(vase), [shown.min(axis=0), shown.max(axis=0)], atol=1e-5)
-    low, high = part("gaussian_heritage_addon.splat_boxes").shown_box(vase)
+    low, high = part("gaussian_heritage_addon.splats.splat_boxes").shown_box(vase)
     members = means[splats.membership >= np.float32(0.9)]
     assert (low >= members.min(axis=0) - 1e-6).all() and (high <= members.max(axis=0) + 1e-6).all()
 
@@ -44,13 +44,13 @@ def test_bounds_are_those_of_the_gaussians_that_are_shown(opened: Any, part: Par
 def test_threshold_is_dragged_without_reading_the_gaussians_again_and_edits_are_seen(
     opened: Any, part: Part, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    view, built = part("gaussian_heritage_addon.splat_view"), []
+    view, built = part("gaussian_heritage_addon.splats.splat_view"), []
     # Textures need a window.
     monkeypatch.setattr(view, "Tables", lambda objects, parts: built.append(parts) or object())
     view._forget_all()
     bpy.context.scene.heritage.show = "OBJECTS"
     vase = isolated()["vase"]
-    splats = part("gaussian_heritage_addon.splats").SplatScene.of(vase)
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.of(vase)
 
     def drawn_after(change: Callable[[], None]) -> int:
         change()
@@ -140,7 +140,7 @@ def test_solo_hides_the_others_and_again_shows_them(opened: Any, fake_engine: St
 
 
 def test_large_scenes_are_shown_in_part_at_first(opened: Any, part: Part) -> None:
-    settings = part("gaussian_heritage_addon.display_settings")
+    settings = part("gaussian_heritage_addon.splats.display_settings")
     scene = bpy.context.scene
     for count, software, all_shown in ((40_000, True, True), (1_500_000, False, True), (1_500_000, True, False)):
         settings.choose_display(scene, count, software=software)
@@ -149,8 +149,8 @@ def test_large_scenes_are_shown_in_part_at_first(opened: Any, part: Part) -> Non
 
 
 def test_splats_that_cannot_be_drawn_are_left_to_blender(opened: Any, part: Part) -> None:
-    nodes = part("gaussian_heritage_addon.splat_nodes")
-    part("gaussian_heritage_addon.splat_view")._show_shapes()
+    nodes = part("gaussian_heritage_addon.splats.splat_nodes")
+    part("gaussian_heritage_addon.splats.splat_view")._show_shapes()
     assert bpy.context.scene.heritage_display.kind == "SHAPES"
     assert all(nodes.display_input(obj, nodes.SHAPES) for obj in isolated().values())
 
@@ -159,21 +159,21 @@ def test_file_of_the_first_release_gets_the_present_display(blender: ModuleType,
     copy = tmp_path / "first_release"
     shutil.copytree(Path(os.environ["GAUSSIAN_HERITAGE_FIXTURES"]) / "first_release", copy)
     bpy.ops.wm.open_mainfile(filepath=str(copy / "scene.blend"))
-    nodes = part("gaussian_heritage_addon.splat_nodes")
+    nodes = part("gaussian_heritage_addon.splats.splat_nodes")
     teapot = bpy.data.objects["teapot"]
     before = {
         name: nodes.display_input(teapot, name)
         for name in (nodes.THRESHOLD, nodes.AS_TRAINED, nodes.PIXEL, nodes.VIEW_LOW)
     }
     assert nodes.display_input(teapot, nodes.SHAPES) is None
-    part("gaussian_heritage_addon.display_settings").renew_displays()
+    part("gaussian_heritage_addon.splats.display_settings").renew_displays()
     assert nodes.display_input(teapot, nodes.SHAPES) is False
     assert {name: nodes.display_input(teapot, name) for name in before} == before
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="Blender 5.2 and newer have the attributes")
 def test_point_cloud_has_the_attributes_of_blenders_own_import(part: Part, random_gaussians: Any) -> None:
-    native, gaussians = part("gaussian_heritage_addon.native_splats"), random_gaussians(30)
+    native, gaussians = part("gaussian_heritage_addon.splats.native_splats"), random_gaussians(30)
     cloud = native.new_point_cloud("cloud", gaussians)
     values = np.zeros(30 * 4, np.float32)
     cloud.attributes["radiance:base"].data.foreach_get("vector", values)
@@ -187,6 +187,6 @@ def test_point_cloud_has_the_attributes_of_blenders_own_import(part: Part, rando
 
 @pytest.mark.skipif(bpy.app.version >= (5, 3, 0), reason="Blender 5.3 has the type")
 def test_older_blender_says_that_it_has_no_type_for_gaussians(opened: Any, part: Part) -> None:
-    assert not part("gaussian_heritage_addon.native_splats").is_native()
+    assert not part("gaussian_heritage_addon.splats.native_splats").is_native()
     with pytest.raises(RuntimeError, match=r"Use Blender 5\.3"):
         bpy.ops.heritage.copy_as_native()

@@ -24,7 +24,9 @@ def room(opened: Any, part: Part) -> Any:
     write_object(
         opened.folder, "background", "Background", (rows >= 90).astype(np.float32), prompt={"kind": "background"}
     )
-    part("gaussian_heritage_addon.scene_file").add_objects(bpy.context.scene, opened.folder, ["teapot", "background"])
+    part("gaussian_heritage_addon.project.scene_file").add_objects(
+        bpy.context.scene, opened.folder, ["teapot", "background"]
+    )
     isolated()["teapot"].heritage.hidden = True
     assert isolated()["background"].heritage.kind == "background"
     return opened
@@ -82,7 +84,7 @@ def test_files_are_named_after_the_record_and_never_after_blenders_numbers(
     assert export(tmp_path / "numbers") == {"1906.123.glb"}
     vase.name = "Vase"
     # Another object of the file takes the name: Blender shows a number, the project does not.
-    names, other = part("gaussian_heritage_addon.object_names"), bpy.data.objects.new("Other", None)
+    names, other = part("gaussian_heritage_addon.project.object_names"), bpy.data.objects.new("Other", None)
     vase.name = "Away"
     other.name = "Vase"
     names.give_name(vase, "Vase")
@@ -100,13 +102,13 @@ def test_files_are_named_after_the_record_and_never_after_blenders_numbers(
 
 def test_usd_is_written_by_the_engines_python(opened: Any, part: Part, tmp_path: Path) -> None:
     assert export(tmp_path / "out", format="USD") == {"Vase.usd"}
-    python = part("gaussian_heritage_addon.preferences").current_python()
+    python = part("gaussian_heritage_addon.setup.preferences").current_python()
     arguments = {"source": str(tmp_path / "out" / "Vase.usd"), "target": str(tmp_path / "back.ply")}
-    part("engine.child_process").run_in_child(
+    part("engine.core.child_process").run_in_child(
         "formats.usd_reading:convert_usd", arguments, max_memory=1 << 32, max_seconds=60, what="reading", python=python
     )
     back = part("engine.formats").read_ply(tmp_path / "back.ply")
-    shown = part("gaussian_heritage_addon.splats").SplatScene.of(isolated()["vase"]).gaussians(0.5)
+    shown = part("gaussian_heritage_addon.splats.splats").SplatScene.of(isolated()["vase"]).gaussians(0.5)
     np.testing.assert_allclose(back.means, shown.means, atol=1e-6)
     np.testing.assert_allclose(back.log_scales, shown.log_scales, atol=1e-5)
 
@@ -115,7 +117,7 @@ def test_usd_is_not_offered_where_nothing_can_write_it(opened: Any, installed: s
     # Blender's own Python, as bpy of PyPI, has no OpenUSD.
     bpy.context.preferences.addons[installed].preferences.engine_python = sys.executable
     try:
-        assert part("gaussian_heritage_addon.export").export_formats() == ("glb", "ply", "spz", "sog")
+        assert part("gaussian_heritage_addon.project.export").export_formats() == ("glb", "ply", "spz", "sog")
         with pytest.raises(TypeError, match='enum "USD" not found'):
             bpy.ops.heritage.export_objects(directory=str(tmp_path / "out"), format="USD")
         bpy.context.scene.heritage.show = "OBJECTS"
@@ -129,7 +131,7 @@ def test_usd_is_not_offered_where_nothing_can_write_it(opened: Any, installed: s
 def test_several_objects_in_one_file_have_the_unit_of_all(room: Any, part: Part, tmp_path: Path) -> None:
     scene = part("engine.scene")
     distances = (scene.MeasuredDistance((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 2.0),)
-    part("gaussian_heritage_addon.measuring").measure(bpy.context.scene, scene.Measurement(distances))
+    part("gaussian_heritage_addon.project.measuring").measure(bpy.context.scene, scene.Measurement(distances))
     isolated()["teapot"].heritage.hidden = False
     bpy.context.scene.heritage.show = "OBJECTS"
     for obj in bpy.context.scene.objects:

@@ -107,11 +107,11 @@ def test_anti_aliased_training_is_kept_in_every_format(
     formats = part("engine.formats")
     formats.write_ply(tmp_path / "scene.ply", replace(random_gaussians(30), antialiased=True))
     obj = imported(tmp_path / "scene.ply")
-    assert part("gaussian_heritage_addon.splats").SplatScene.of(obj).is_antialiased
+    assert part("gaussian_heritage_addon.splats.splats").SplatScene.of(obj).is_antialiased
     file = exported(tmp_path / "out", kind)
     bpy.data.objects.remove(obj)
     again = imported(file)
-    assert part("gaussian_heritage_addon.splats").SplatScene.of(again).local_gaussians().antialiased
+    assert part("gaussian_heritage_addon.splats.splats").SplatScene.of(again).local_gaussians().antialiased
 
 
 def test_anti_aliased_splats_and_others_do_not_leave_as_one_file(
@@ -143,7 +143,7 @@ def test_sog_leaves_and_comes_back(part: Part, random_gaussians: RandomGaussians
     obj = imported(tmp_path / "scene.ply")
     file = exported(tmp_path / "out", "sog")
     bpy.data.objects.remove(obj)
-    back = part("gaussian_heritage_addon.splats").SplatScene.of(imported(file)).local_gaussians()
+    back = part("gaussian_heritage_addon.splats.splats").SplatScene.of(imported(file)).local_gaussians()
     assert not [image for image in bpy.data.images if "SOG" in image.name or "picture" in image.name]
     order = np.argsort(gaussians.means[:, 0]), np.argsort(back.means[:, 0])
     np.testing.assert_allclose(back.means[order[1]], gaussians.means[order[0]], atol=1e-3)

@@ -24,7 +24,7 @@ def new_file(blender: ModuleType) -> ModuleType:
 
 
 def test_untouched_cube_does_not_hide_the_first_look(new_file: ModuleType, project: Any, part: Part) -> None:
-    defaults = part("gaussian_heritage_addon.default_objects").untouched_defaults
+    defaults = part("gaussian_heritage_addon.blender.default_objects").untouched_defaults
     cube, light = bpy.data.objects["Cube"], bpy.data.objects["Light"]
     assert not cube.hide_get() and bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
     for obj in (cube, light):
@@ -57,10 +57,10 @@ def test_imported_file_is_selected_and_named_after_it(
 def test_imported_file_is_framed_in_a_window(
     blender: ModuleType, part: Part, random_gaussians: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    splats = part("gaussian_heritage_addon.splats").SplatScene.create(
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.create(
         "Vase", random_gaussians(50, degree=0), bpy.context.scene.collection
     )
-    module, view = part("gaussian_heritage_addon.new_objects"), SimpleNamespace(view_perspective="PERSP")
+    module, view = part("gaussian_heritage_addon.project.new_objects"), SimpleNamespace(view_perspective="PERSP")
     area = SimpleNamespace(spaces=SimpleNamespace(active=SimpleNamespace(region_3d=view)))
     app = SimpleNamespace(background=False)
     fake = SimpleNamespace(app=app, types=bpy.types, context=bpy.context)
@@ -95,7 +95,7 @@ def test_isolate_from_a_menu_asks_for_the_words(opened: Any, part: Part) -> None
 
 
 def test_node_groups_of_splats_are_not_offered_for_other_objects(opened: Any, part: Part) -> None:
-    nodes = part("gaussian_heritage_addon.splat_nodes")
+    nodes = part("gaussian_heritage_addon.splats.splat_nodes")
     assert bpy.data.node_groups and all(group.name.startswith(".") for group in bpy.data.node_groups)
     # Those of an earlier release are renamed when they are used again.
     count = len(bpy.data.node_groups)
@@ -112,10 +112,10 @@ def test_switches_have_names(opened: Any, draw: Draw) -> None:
 
 
 def test_same_bar_does_not_stand_twice(opened: Any, part: Part, draw: Draw, monkeypatch: pytest.MonkeyPatch) -> None:
-    jobs = part("engine.jobs")
+    jobs = part("engine.workers.jobs")
     job = SimpleNamespace(kind="segment", subject=str(opened.folder), of_earlier_session=False)
     state = jobs.JobState(stage="objects", fraction=0.5, message="Looking")
-    monkeypatch.setattr(part("gaussian_heritage_addon.job_runner"), "current", lambda: (job, state))
+    monkeypatch.setattr(part("gaussian_heritage_addon.jobs.job_runner"), "current", lambda: (job, state))
     drawn = [draw(name) for name in ("HERITAGE_PT_scene", "HERITAGE_PT_progress")]
     assert sum(panel.calls.count("progress") for panel in drawn) == 1
     assert "Looking" in drawn[1].texts
@@ -124,7 +124,7 @@ def test_same_bar_does_not_stand_twice(opened: Any, part: Part, draw: Draw, monk
 def test_text_in_a_box_is_broken_at_the_width_of_the_box(
     blender: ModuleType, part: Part, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    layouts = part("gaussian_heritage_addon.layouts")
+    layouts = part("gaussian_heritage_addon.panels.job_box")
     preferences = SimpleNamespace(
         system=SimpleNamespace(ui_scale=2.0), ui_styles=[SimpleNamespace(widget=SimpleNamespace(points=11))]
     )

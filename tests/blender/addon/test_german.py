@@ -53,7 +53,10 @@ def shown_texts(cls: Any) -> Iterator[str]:
 
 
 def test_every_label_and_tooltip_has_a_german_text(blender: ModuleType, part: Part) -> None:
-    german = part("gaussian_heritage_addon.german").TEXTS | part("gaussian_heritage_addon.german_tooltips").TEXTS
+    german = (
+        part("gaussian_heritage_addon.language.german").TEXTS
+        | part("gaussian_heritage_addon.language.german_tooltips").TEXTS
+    )
     classes = own_classes()
     assert len(classes) > 40
     # Blender's own, of its base class of exporters.
@@ -63,7 +66,7 @@ def test_every_label_and_tooltip_has_a_german_text(blender: ModuleType, part: Pa
 
 
 def test_german_is_given_to_blender_for_labels_and_operators(part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
-    translations, given = part("gaussian_heritage_addon.translations"), {}
+    translations, given = part("gaussian_heritage_addon.language.translations"), {}
     # Blender as a Python module has no translations; the window test looks at a German window.
     fake = SimpleNamespace(register=lambda name, texts: given.update(texts))
     monkeypatch.setattr(translations, "bpy", SimpleNamespace(app=SimpleNamespace(translations=fake)))
@@ -77,7 +80,10 @@ def test_german_is_given_to_blender_for_labels_and_operators(part: Part, monkeyp
 def test_texts_with_values_are_translated_before_the_values_are_filled_in(
     part: Part, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    translations, german = part("gaussian_heritage_addon.translations"), part("gaussian_heritage_addon.german").TEXTS
+    translations, german = (
+        part("gaussian_heritage_addon.language.translations"),
+        part("gaussian_heritage_addon.language.german").TEXTS,
+    )
     fake = SimpleNamespace(pgettext_iface=lambda text: german.get(text, text))
     monkeypatch.setattr(translations, "bpy", SimpleNamespace(app=SimpleNamespace(translations=fake)))
     assert translations.translated("Part to Whole: {} of {}", 2, 3) == "Teil bis Ganzes: 2 von 3"
@@ -86,6 +92,6 @@ def test_texts_with_values_are_translated_before_the_values_are_filled_in(
 
 
 def test_german_texts_have_the_places_for_values_of_the_english_ones(part: Part) -> None:
-    german = part("gaussian_heritage_addon.german").TEXTS
+    german = part("gaussian_heritage_addon.language.german").TEXTS
     for text, own in german.items():
         assert text.count("{") == own.count("{") and text.count("}") == own.count("}"), text

@@ -41,7 +41,7 @@ def called_functions(cls: type) -> list[tuple[str, Any]]:
 @pytest.fixture
 def log(part: Part, tmp_path: Path) -> Iterator[Path]:
     """Log unexpected errors to a temporary file, and start without a problem in the panel."""
-    problems = part("gaussian_heritage_addon.problems")
+    problems = part("gaussian_heritage_addon.blender.problems")
     earlier = problems._log_folder
     problems.set_log_folder(lambda: tmp_path)
     problems.clear()
@@ -71,7 +71,7 @@ def test_every_function_that_blender_calls_has_a_guard(part: Part) -> None:
     for cls in classes:
         for name, function in called_functions(cls):
             assert vars(function).get("is_guard"), f"{cls.__name__}.{name}"
-        for prop, name, callback in part("gaussian_heritage_addon.guards").property_callbacks(cls):
+        for prop, name, callback in part("gaussian_heritage_addon.blender.guards").property_callbacks(cls):
             assert vars(callback).get("is_guard"), f"{cls.__name__}: {name} of {prop.keywords.get('name')}"
 
 
@@ -109,7 +109,7 @@ def test_operator_that_fails_reports_a_sentence(
 def test_function_that_fails_returns_what_blender_needs(
     part: Part, log: Path, error: Exception, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    problems = part("gaussian_heritage_addon.problems")
+    problems = part("gaussian_heritage_addon.blender.problems")
     seen = set()
     for cls in registered_classes(part):
         for name, function in called_functions(cls):
@@ -136,7 +136,7 @@ def callbacks(part: Part) -> list[tuple[type, str, Any, str, Any]]:
     found = []
     for cls in registered_classes(part):
         names = {id(prop): name for base in cls.__mro__ for name, prop in vars(base).get("__annotations__", {}).items()}
-        for prop, name, function in part("gaussian_heritage_addon.guards").property_callbacks(cls):
+        for prop, name, function in part("gaussian_heritage_addon.blender.guards").property_callbacks(cls):
             found.append((cls, names[id(prop)], prop, name, function))
     return found
 
@@ -151,7 +151,7 @@ def test_property_whose_callback_fails_leaves_a_sentence_for_the_panel(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     bpy.ops.heritage.open_project(directory=str(project.folder))
-    problems, vase = part("gaussian_heritage_addon.problems"), bpy.data.objects["Vase"]
+    problems, vase = part("gaussian_heritage_addon.blender.problems"), bpy.data.objects["Vase"]
     owners = {"HeritageScene": bpy.context.scene.heritage, "HeritageObject": vase.heritage}
     values = {"StringProperty": "x", "FloatProperty": 0.25, "IntProperty": 3, "BoolProperty": True}
     every = callbacks(part)
@@ -184,11 +184,11 @@ def test_timer_that_fails_ends_and_the_panel_says_why(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    timers = part("gaussian_heritage_addon.guards").TIMERS
+    timers = part("gaussian_heritage_addon.blender.guards").TIMERS
     assert len(timers) >= 2
     for timer in timers:
         failing(monkeypatch, timer._call, error)
-        part("gaussian_heritage_addon.problems").clear()
+        part("gaussian_heritage_addon.blender.problems").clear()
         assert timer() is None
         assert type(error).__name__ in " ".join(draw("HERITAGE_PT_progress").texts)
     assert "Traceback" not in "".join(capfd.readouterr())
@@ -211,7 +211,7 @@ def test_menu_entry_that_fails_draws_a_sentence(part: Part, log: Path, monkeypat
 
 
 def test_draw_handler_that_fails_is_called_once(part: Part, log: Path) -> None:
-    guards, calls, handlers = part("gaussian_heritage_addon.guards"), [], []
+    guards, calls, handlers = part("gaussian_heritage_addon.blender.guards"), [], []
     space = SimpleNamespace(draw_handler_add=lambda function, *_: handlers.append(function))
 
     def draw() -> None:
@@ -221,7 +221,7 @@ def test_draw_handler_that_fails_is_called_once(part: Part, log: Path) -> None:
     guards.add_draw_handler(space, draw)
     for _ in range(60):
         handlers[0]()
-    assert len(calls) == 1 and "KeyError" in part("gaussian_heritage_addon.problems").shown()
+    assert len(calls) == 1 and "KeyError" in part("gaussian_heritage_addon.blender.problems").shown()
     assert log.read_text().count("Traceback") == 1
 
 
@@ -230,7 +230,7 @@ def test_draw_handler_that_fails_says_so_once(part: Part, log: Path) -> None:
     failures: list[int] = []
     space = SimpleNamespace(draw_handler_add=lambda function, *_: handlers.append(function))
     draw = {}.__getitem__
-    part("gaussian_heritage_addon.guards").add_draw_handler(
+    part("gaussian_heritage_addon.blender.guards").add_draw_handler(
         space, lambda: draw("x"), "POST_VIEW", failed=lambda: failures.append(1)
     )
     for _ in range(3):
@@ -239,7 +239,7 @@ def test_draw_handler_that_fails_says_so_once(part: Part, log: Path) -> None:
 
 
 def test_changed_meshes_are_told_and_errors_are_shown(part: Part, log: Path) -> None:
-    guards, told = part("gaussian_heritage_addon.guards"), []
+    guards, told = part("gaussian_heritage_addon.blender.guards"), []
 
     def changed(data: list[bpy.types.ID]) -> None:
         told.extend(data)
@@ -258,7 +258,7 @@ def test_changed_meshes_are_told_and_errors_are_shown(part: Part, log: Path) -> 
         told.extend([mesh] * 100)
         mesh.update_tag()
         bpy.context.view_layer.update()
-        assert "KeyError" in part("gaussian_heritage_addon.problems").shown()
+        assert "KeyError" in part("gaussian_heritage_addon.blender.problems").shown()
     finally:
         guards.remove_change_handler(changed)
     count = len(told)
@@ -291,7 +291,10 @@ def test_keyboard_interrupt_passes(part: Part, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_log_of_unexpected_errors_is_in_the_users_folder(part: Part, installed: str) -> None:
-    problems, preferences = part("gaussian_heritage_addon.problems"), part("gaussian_heritage_addon.preferences")
+    problems, preferences = (
+        part("gaussian_heritage_addon.blender.problems"),
+        part("gaussian_heritage_addon.setup.preferences"),
+    )
     sentence = problems.sentence_of(KeyError("x"))
     assert str(preferences.user_folder("log") / "errors.log") in sentence
     root = Path(importlib.import_module(installed).__path__[0])

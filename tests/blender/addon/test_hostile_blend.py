@@ -214,18 +214,20 @@ def watched() -> Iterator[list[tuple[str, str]]]:
 @pytest.fixture
 def log(part: Part) -> Path:
     """Return the log of unexpected errors, which a test expects not to be written."""
-    file: Path = part("gaussian_heritage_addon.preferences").user_folder("log") / "errors.log"
+    file: Path = part("gaussian_heritage_addon.setup.preferences").user_folder("log") / "errors.log"
     file.unlink(missing_ok=True)
-    part("gaussian_heritage_addon.problems")._logged.clear()
-    part("gaussian_heritage_addon.job_runner")._job = None
+    part("gaussian_heritage_addon.blender.problems")._logged.clear()
+    part("gaussian_heritage_addon.jobs.job_runner")._job = None
     return file
 
 
 @pytest.fixture
 def finished_jobs(part: Part, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[list[str]]]:
     """Replace each job by one that has found the vase, without starting a process; yield the commands."""
-    runner, commands = part("gaussian_heritage_addon.job_runner"), list[list[str]]()
-    state = part("engine.jobs").JobState(running=False, finished=True, message="Done.", outputs={"objects": ["vase"]})
+    runner, commands = part("gaussian_heritage_addon.jobs.job_runner"), list[list[str]]()
+    state = part("engine.workers.jobs").JobState(
+        running=False, finished=True, message="Done.", outputs={"objects": ["vase"]}
+    )
 
     def start(command: list[str], folder: Path, *, kind: str, subject: str, environment: Any) -> Any:
         commands.append(command)
@@ -313,14 +315,14 @@ def use_everything(part: Part, folder: Path) -> list[str]:
         lambda: ops.floaters(remove=True),
         lambda: ops.edit_region(action="ADD", path=[CORNER, {**CORNER, "x": 1.0, "y": 1.0}]),
     ]
-    errors = part("engine.errors")
+    errors = part("engine.core.errors")
     for call in calls:
         try:
             call()
         except RuntimeError as error:
             reports.append(str(error).strip())
         except errors.HeritageError as error:
-            reports.append(part("gaussian_heritage_addon.problems").sentence_of(error))
+            reports.append(part("gaussian_heritage_addon.blender.problems").sentence_of(error))
     for obj in list(bpy.data.objects):
         if obj.heritage.role != "NONE":
             obj.heritage.threshold = 0.25
@@ -339,7 +341,7 @@ def _click(part: Part) -> None:
     view = SimpleNamespace(view_perspective="PERSP", perspective_matrix=np.eye(4))
     spaces = SimpleNamespace(active=SimpleNamespace(region_3d=view))
     area = SimpleNamespace(type="VIEW_3D", regions=[region], spaces=spaces, tag_redraw=lambda: None)
-    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, area)
+    viewport = part("gaussian_heritage_addon.project.clicking").Viewport(bpy.context.scene, area)
     viewport.show_photo(0)
     viewport.click(50, 50, True)
 

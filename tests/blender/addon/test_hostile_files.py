@@ -220,9 +220,9 @@ def tree(folder: Path) -> dict[str, str]:
 @pytest.fixture
 def log(part: Part, tmp_path: Path) -> Path:
     """Return the log of unexpected errors, which a test expects not to be written."""
-    file: Path = part("gaussian_heritage_addon.preferences").user_folder("log") / "errors.log"
+    file: Path = part("gaussian_heritage_addon.setup.preferences").user_folder("log") / "errors.log"
     file.unlink(missing_ok=True)
-    part("gaussian_heritage_addon.problems")._logged.clear()
+    part("gaussian_heritage_addon.blender.problems")._logged.clear()
     return file
 
 
@@ -295,9 +295,9 @@ def test_picture_with_too_many_pixels_is_not_decoded(part: Part, project: Any, t
     """A PNG file of one megabyte may state 20,000 x 20,000 pixels, which take 1.6 GB."""
     file = tmp_path / "bomb.png"
     file.write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (20_000).to_bytes(4, "big") * 2 + b"\x08\x02\0\0\0")
-    pictures = part("gaussian_heritage_addon.pictures")
+    pictures = part("gaussian_heritage_addon.project.pictures")
     assert pictures.picture_icon(file) == 0 and pictures.picture_icon(file) == 0
     assert not [key for key in pictures._previews or {} if key.startswith(str(file))]
-    frame, errors = part("gaussian_heritage_addon.photo_frame"), part("engine.errors")
+    frame, errors = part("gaussian_heritage_addon.project.photo_frame"), part("engine.core.errors")
     with pytest.raises(errors.PhotoError, match="20000 x 20000 pixels"):
         frame.require_small(file, 200_000_000)

@@ -53,7 +53,7 @@ def test_result_that_cannot_be_imported_does_not_keep_the_next_one_away(
     _segment(runner, project, "drum")
     runner._job.wait()
     assert runner._poll_timer() == runner._POLL_INTERVAL
-    assert "another version of the scene" in part("gaussian_heritage_addon.problems").shown()
+    assert "another version of the scene" in part("gaussian_heritage_addon.blender.problems").shown()
     _poll_to_the_end(runner)
     assert _isolated() == {"vase", "drum"}
 

@@ -21,7 +21,7 @@ FOREVER = "import time\nwhile True: time.sleep(0.05)"
 @pytest.fixture
 def runner(part: Part, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[ModuleType]:
     """Yield the job runner as it works in a window, where jobs run while Blender is used; timers are called by hand."""
-    runner = part("gaussian_heritage_addon.job_runner")
+    runner = part("gaussian_heritage_addon.jobs.job_runner")
     forget_jobs(runner)
     jobs = tmp_path / "jobs"
     jobs.mkdir()
@@ -30,7 +30,7 @@ def runner(part: Part, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Itera
     monkeypatch.setattr(runner, "bpy", _InAWindow())
     yield runner
     for folder in jobs.iterdir():
-        job = part("engine.jobs").Job.attach(folder)
+        job = part("engine.workers.jobs").Job.attach(folder)
         if job is not None and job.poll().running:
             job.cancel(grace_seconds=0.0)
             job.wait()
@@ -248,15 +248,15 @@ def test_only_sidebars_and_preferences_are_drawn_again(part: Part, monkeypatch: 
 
     window = type("Window", (), {"screen": Bpy.context.window_manager.screen})
     Bpy.context.window_manager.windows = [window]
-    monkeypatch.setattr(part("gaussian_heritage_addon.guards"), "bpy", Bpy)
-    part("gaussian_heritage_addon.guards").redraw()
+    monkeypatch.setattr(part("gaussian_heritage_addon.blender.guards"), "bpy", Bpy)
+    part("gaussian_heritage_addon.blender.guards").redraw()
     assert drawn == ["UI", "PREFERENCES"]
 
 
 def test_default_cube_and_light_are_removed_only_while_untouched(project: Any, part: Part, draw: Draw) -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     scene = bpy.context.scene
-    untouched = part("gaussian_heritage_addon.default_objects").untouched_defaults
+    untouched = part("gaussian_heritage_addon.blender.default_objects").untouched_defaults
     assert sorted(obj.name for obj in untouched(scene)) == ["Cube", "Light"]
     scene.objects["Cube"].location.x = 1.0
     bpy.context.view_layer.update()
@@ -274,7 +274,7 @@ def test_background_is_listed_last(project: Any, part: Part) -> None:
     write_object(project.folder, "all the rest", "A background", np.ones(100, np.float32))
     bpy.ops.heritage.open_project(directory=str(project.folder))
     bpy.data.objects["A background"].heritage.kind = "background"
-    rows = part("gaussian_heritage_addon.objects_panel").HERITAGE_UL_objects
+    rows = part("gaussian_heritage_addon.panels.objects_panel").HERITAGE_UL_objects
     instance = type("Rows", (), {"bitflag_filter_item": 1})()
     shown, places = rows.filter_items(instance, bpy.context, bpy.data, "objects")
     names = [obj.name for obj in bpy.data.objects]

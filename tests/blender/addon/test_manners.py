@@ -24,8 +24,8 @@ def open_project(project: Any) -> bpy.types.Object:
 def test_second_blender_on_a_project_is_told_until_the_first_is_closed(
     project: Any, part: Part, draw: Callable[[str], Any]
 ) -> None:
-    module = part("gaussian_heritage_addon.open_projects")
-    mark, hold = module.mark_of(project.folder), part("engine.project_folder").hold_mark
+    module = part("gaussian_heritage_addon.project.open_projects")
+    mark, hold = module.mark_of(project.folder), part("engine.project.folder").hold_mark
     # Another process holds the mark, as another Blender does.
     hold(mark).close()
     code = (
@@ -93,7 +93,7 @@ def test_shortcuts_name_operators_and_options_that_exist(part: Part) -> None:
 
 
 def test_text_prompt_knows_where_the_user_looks_from_also_in_a_measured_scene(project: Any, part: Part) -> None:
-    module, scene = part("gaussian_heritage_addon.visible_splats"), part("engine.scene")
+    module, scene = part("gaussian_heritage_addon.project.visible_splats"), part("engine.scene")
     whole = open_project(project)
     for metres in (None, 5.0):
         if metres is not None:
@@ -118,7 +118,9 @@ def test_text_prompt_knows_where_the_user_looks_from_also_in_a_measured_scene(pr
         np.testing.assert_allclose(found.center, (0, -3, 0), atol=1e-4)
         np.testing.assert_allclose(found.viewmat[:3, :3], [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-5)
         (argument,) = [
-            one for one in part("engine.jobs").text_arguments("left vase", camera=found) if one.startswith("--seen")
+            one
+            for one in part("engine.workers.jobs").text_arguments("left vase", camera=found)
+            if one.startswith("--seen")
         ]
         assert argument.startswith('--seen-from={"width": 800')
     assert module.viewport_camera(bpy.context) is None

@@ -235,7 +235,7 @@ def test_undo_keeps_what_another_program_has_measured_since_and_says_so(floor: A
     measure(part, floor, 7.0)
     undo_to(part, None)
     assert load(part, floor).distances[0].metres == 7.0
-    assert "measured by another program since" in part("gaussian_heritage_addon.problems").shown()
+    assert "measured by another program since" in part("gaussian_heritage_addon.blender.problems").shown()
 
 
 def test_undo_after_a_file_was_loaded_leaves_the_project_alone(
@@ -269,9 +269,9 @@ def test_known_distance_takes_units_also_before_the_scene_has_one(
 
 @pytest.mark.parametrize("text", ["", "vase", "0", "-3 cm", "30 kg", "nan"])
 def test_what_is_no_length_is_told_with_examples(opened: Any, part: Part, text: str) -> None:
-    errors, before = part("engine.errors"), bpy.context.scene.heritage.known_distance
+    errors, before = part("engine.core.errors"), bpy.context.scene.heritage.known_distance
     with pytest.raises(errors.SettingsError, match="Enter for example 30 cm"):
-        part("gaussian_heritage_addon.lengths").read_length(text)
+        part("gaussian_heritage_addon.blender.lengths").read_length(text)
     assert bpy.context.scene.heritage.known_distance == before
 
 
@@ -283,7 +283,7 @@ def test_view_follows_a_scene_that_is_measured(opened: Any, part: Part) -> None:
     turn = Quaternion((0.2, 0.5, 0.1), 1.1)
     view = SimpleNamespace(view_location=Vector((0.5, 0.1, 0.2)), view_distance=4.0, view_rotation=turn)
     eye = view.view_location + view.view_rotation @ Vector((0, 0, 4.0))
-    part("gaussian_heritage_addon.moved_views").move_view(view, np.array(move))
+    part("gaussian_heritage_addon.project.moved_views").move_view(view, np.array(move))
     new_eye = view.view_location + view.view_rotation @ Vector((0, 0, view.view_distance))
     assert view.view_distance == pytest.approx(10.0)
     np.testing.assert_allclose(new_eye, move @ eye, atol=1e-5)
@@ -292,7 +292,7 @@ def test_view_follows_a_scene_that_is_measured(opened: Any, part: Part) -> None:
 
 
 def test_measuring_moves_the_views_as_the_splats(opened: Any, part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
-    module, moves = part("gaussian_heritage_addon.measuring"), []
+    module, moves = part("gaussian_heritage_addon.project.measuring"), []
     monkeypatch.setattr(module, "follow_move", lambda scene, move: moves.append(move))
     scene, types = bpy.context.scene, part("engine.scene")
     distance = types.MeasuredDistance((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 5.0)

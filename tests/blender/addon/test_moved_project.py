@@ -25,11 +25,11 @@ def saved(opened: Any, tmp_path: Path, part: Part) -> Iterator[Path]:
     bpy.ops.heritage.open_project(directory=str(opened.folder))
     bpy.ops.wm.save_as_mainfile(filepath=str(loan / "scene.blend"))
     yield loan.rename(tmp_path / "archive") / "scene.blend"
-    part("gaussian_heritage_addon.problems").clear()
+    part("gaussian_heritage_addon.blender.problems").clear()
 
 
 def projects(part: Part) -> set[Path]:
-    project_of = part("gaussian_heritage_addon.properties").project_of
+    project_of = part("gaussian_heritage_addon.splats.properties").project_of
     holders = (*bpy.data.scenes, *bpy.data.objects)
     return {project_of(one.heritage) for one in holders if one.heritage.project}
 
@@ -53,10 +53,10 @@ def test_a_copy_saved_elsewhere_leaves_the_paths_of_this_file(saved: Path, opene
 def test_a_stored_absolute_path_is_looked_for_beside_the_blend(saved: Path, opened: Any, part: Part) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(saved))
     moved = projects(part).pop()
-    before = part("gaussian_heritage_addon.moved_projects")._stored
-    part("gaussian_heritage_addon.moved_projects")._stored = lambda project, folder: str(project)
+    before = part("gaussian_heritage_addon.project.moved_projects")._stored
+    part("gaussian_heritage_addon.project.moved_projects")._stored = lambda project, folder: str(project)
     bpy.ops.wm.save_mainfile()
-    part("gaussian_heritage_addon.moved_projects")._stored = before
+    part("gaussian_heritage_addon.project.moved_projects")._stored = before
     archive = saved.parent.rename(saved.parent.parent / "elsewhere")
     bpy.ops.wm.open_mainfile(filepath=str(archive / "scene.blend"))
     assert projects(part) == {archive / moved.name}
@@ -66,7 +66,7 @@ def test_another_project_of_the_same_name_is_not_taken(saved: Path, opened: Any,
     folder = saved.parent / opened.folder.name
     shutil.rmtree(folder / "cameras")
     bpy.ops.wm.open_mainfile(filepath=str(saved))
-    moved_projects = part("gaussian_heritage_addon.moved_projects")
+    moved_projects = part("gaussian_heritage_addon.project.moved_projects")
     assert not moved_projects._fits(folder, folder)
 
 
@@ -74,7 +74,7 @@ def test_a_missing_project_is_said_and_chosen_by_one_button(saved: Path, opened:
     folder = saved.parent / opened.folder.name
     away = folder.rename(saved.parent.parent / "away")
     bpy.ops.wm.open_mainfile(filepath=str(saved))
-    assert str(folder) in part("gaussian_heritage_addon.problems").shown()
+    assert str(folder) in part("gaussian_heritage_addon.blender.problems").shown()
     layout = draw("HERITAGE_PT_scene")
     assert "heritage.find_project" in [name for name, _ in layout.buttons]
     with pytest.raises(RuntimeError, match="far Gaussians"):

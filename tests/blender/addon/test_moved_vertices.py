@@ -19,7 +19,7 @@ def splats(part: Part, random_gaussians: Callable[..., Any]) -> Callable[..., An
     """Return a function that adds an object of random Gaussians and selects it."""
 
     def make(count: int = 60, seed: int = 0) -> Any:
-        scene = part("gaussian_heritage_addon.splats").SplatScene
+        scene = part("gaussian_heritage_addon.splats.splats").SplatScene
         made = scene.create("splats", random_gaussians(count, seed=seed), bpy.context.scene.collection)
         made.object.select_set(True)
         bpy.context.view_layer.objects.active = made.object

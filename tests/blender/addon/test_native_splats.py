@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(bpy.app.version < (5, 3, 0), reason="Blender 5.3
 def copied(part: Part, random_gaussians: Callable[..., Any]) -> tuple[Any, bpy.types.Object]:
     """Return the Gaussians of an object, and its copy as Blender's own type, selected."""
     gaussians, scene = random_gaussians(30), bpy.context.scene
-    splats = part("gaussian_heritage_addon.splats").SplatScene.create("s", gaussians, scene.collection)
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.create("s", gaussians, scene.collection)
     splats.object.heritage.role, splats.object.heritage.title = "SCENE", "Teapot"
     assert bpy.ops.heritage.copy_as_native() == {"FINISHED"}
     (cloud,) = [obj for obj in scene.objects if obj.type == "POINTCLOUD"]
@@ -89,7 +89,7 @@ def test_blenders_own_readers_show_our_files_upright(
         bpy.ops.wm.ply_import(filepath=str(file), **options)
     (cloud,) = [obj for obj in bpy.context.scene.objects if obj.type == "POINTCLOUD"]
     bpy.context.view_layer.update()
-    read = part("gaussian_heritage_addon.native_splats").native_gaussians(cloud)
+    read = part("gaussian_heritage_addon.splats.native_splats").native_gaussians(cloud)
     placed = part("engine.formats").transform_gaussians(read, np.array(cloud.matrix_world, np.float64))
     # SPZ stores positions in steps of 1/4096.
     np.testing.assert_allclose(np.sort(placed.means, axis=0), np.sort(gaussians.means, axis=0), atol=1e-3)

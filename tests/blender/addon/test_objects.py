@@ -160,7 +160,7 @@ def test_corrected_object_is_changed_in_place(opened: Any, fake_engine: StandIn,
         "1906.12",
         pytest.approx(0.7),
     )
-    local = part("gaussian_heritage_addon.splats").SplatScene.of(same).local_gaussians().means
+    local = part("gaussian_heritage_addon.splats.splats").SplatScene.of(same).local_gaussians().means
     np.testing.assert_allclose(local, opened.gaussians.means[30:60] - origin, atol=1e-6)
     assert same.modifiers["Gaussian Splats"].node_group is not None
 
@@ -341,7 +341,7 @@ def test_kept_objects_missing_in_the_file_are_imported(opened: Any, fake_engine:
 
 
 def test_solid_mode_gets_opaque_shapes_in_the_colours_of_the_object(opened: Any, part: Part) -> None:
-    nodes = part("gaussian_heritage_addon.splat_nodes")
+    nodes = part("gaussian_heritage_addon.splats.splat_nodes")
     whole = next(obj for obj in bpy.context.scene.objects if obj.heritage.role == "SCENE")
     bpy.context.scene.heritage_display.kind = "SHAPES"
     nodes.set_display_input(whole, nodes.SOLID, True)
@@ -385,7 +385,7 @@ def test_polished_object_is_imported_and_edits_by_hand_are_kept(opened: Any, par
     polished.save_polished(opened.folder / "objects" / "bowl", polished.Polished(rows_, gaussians.means, alone))
     whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
     whole.data.vertices[25].co.x += 3
-    scene_file = part("gaussian_heritage_addon.scene_file")
+    scene_file = part("gaussian_heritage_addon.project.scene_file")
     (splats,) = scene_file.add_objects(bpy.context.scene, opened.folder, ["bowl"])
     seen, index = splats.gaussians(), splats.index(100).tolist()
     np.testing.assert_allclose(seen.means[index.index(30)], opened.gaussians.means[30] + 0.5, atol=1e-6)
@@ -395,10 +395,10 @@ def test_polished_object_is_imported_and_edits_by_hand_are_kept(opened: Any, par
 
 
 def test_object_stands_on_its_origin_and_nothing_moves(opened: Any, part: Part) -> None:
-    vase, splats = bpy.data.objects["Vase"], part("gaussian_heritage_addon.splats").SplatScene
+    vase, splats = bpy.data.objects["Vase"], part("gaussian_heritage_addon.splats.splats").SplatScene
     means = opened.gaussians.means[:40]
     members = means[np.linspace(0.2, 1, 40) >= vase.heritage.threshold]
-    foot = part("gaussian_heritage_addon.object_geometry").foot_of(members)
+    foot = part("gaussian_heritage_addon.project.object_geometry").foot_of(members)
     np.testing.assert_allclose(vase.matrix_world.translation, foot, atol=1e-6)
     np.testing.assert_allclose(splats.of(vase).gaussians().means, means, atol=1e-6)
 
@@ -451,7 +451,7 @@ def test_list_of_objects_stays_in_view_when_candidates_appear(opened: Any, draw:
 
 
 def test_unsure_name_has_a_question_mark_and_a_picture_beside_it(opened: Any, part: Part, draw: Draw) -> None:
-    vase, panels = isolated()["vase"], part("gaussian_heritage_addon.objects_panel")
+    vase, panels = isolated()["vase"], part("gaussian_heritage_addon.panels.objects_panel")
     vase.heritage.kind, vase.heritage.prompt, vase.heritage.score = "text", "vase", 0.97
     assert panels._icon_of(vase.heritage) != "QUESTION" and "Clearly: vase" in draw("HERITAGE_PT_objects").texts
     vase.heritage.score = 0.52

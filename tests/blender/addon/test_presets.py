@@ -100,10 +100,10 @@ def test_photos_that_the_engine_cannot_forecast_are_asked_about_once(
 
 def trained(project: Any, part: Part, photos: Path, preset: str = "preview", **given: Any) -> None:
     """Let the project say that it was made from `photos` with `preset`."""
-    folder = part("engine.project_folder").ProjectFolder.open_existing(project.folder)
+    folder = part("engine.project.folder").ProjectFolder.open_existing(project.folder)
     figures = {"preset": preset}
     folder.finish_stage("training", "key", wall_seconds=1.0, cpu_seconds=1.0, figures=figures)
-    source = part("engine.reconstruction_input")
+    source = part("engine.pipeline.reconstruction_input")
     source.store_input(folder, source.ReconstructionInput(str(photos), **given))
 
 

@@ -29,7 +29,7 @@ def drawn(obj: bpy.types.Object) -> int:
 def test_a_scene_is_named_after_the_folder_of_its_photos(project: Any, part: Part, tmp_path: Path) -> None:
     folder = project.folder.rename(tmp_path / "project")
     photos = tmp_path / "Römische Gläser" / "photos"
-    part("engine.project_folder").ProjectFolder.open_existing(folder).put("photo_folder", str(photos))
+    part("engine.project.folder").ProjectFolder.open_existing(folder).put("photo_folder", str(photos))
     assert bpy.ops.heritage.open_project(directory=str(folder)) == {"FINISHED"}
     (scene,) = [obj for obj in bpy.data.objects if obj.heritage.role == "SCENE"]
     assert scene.name == "Römische Gläser"
@@ -104,7 +104,7 @@ def test_record_is_kept_in_the_project_and_in_exports(project: Any, part: Part, 
     open_project(project)
     properties = bpy.data.objects["Vase"].heritage
     properties.catalogue_number, properties.title, properties.rights = "1906.12", "Gefäß", "CC BY 4.0"
-    records = part("engine.records")
+    records = part("engine.delivery.records")
     assert records.load_record(project.folder, "vase") == records.MuseumRecord("1906.12", "Gefäß", "CC BY 4.0", "")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="GLB")

@@ -60,7 +60,7 @@ def redo() -> None:
 
 def in_blender(part: Part) -> Shown:
     """Return what Blender shows. An object, its own collection and its row in the list have the same name."""
-    rows = part("gaussian_heritage_addon.hand_edits").member_rows
+    rows = part("gaussian_heritage_addon.project.hand_edits").member_rows
     found = {}
     for obj in bpy.context.scene.objects:
         if obj.heritage.role == "OBJECT":
@@ -71,7 +71,7 @@ def in_blender(part: Part) -> Shown:
 
 def in_project(part: Part, folder: Path) -> Shown:
     """Return what the project has: the record and the stored memberships agree."""
-    content, found = part("engine.project_content"), {}
+    content, found = part("engine.project.content"), {}
     for item in content.list_objects(folder):
         content.require_intact(folder, item.id)
         members = content.load_membership(folder, item.id, 100) >= np.float32(item.threshold)
@@ -91,7 +91,7 @@ def in_files(part: Part, folder: Path) -> Shown:
 
 
 def problem(part: Part) -> str:
-    return str(part("gaussian_heritage_addon.problems").shown())
+    return str(part("gaussian_heritage_addon.blender.problems").shown())
 
 
 # ---- what a user does, from one agreeing state to another
@@ -277,7 +277,7 @@ def test_blender_project_and_files_agree_all_life_long(
 
 
 def names(part: Part, folder: Path) -> dict[str, str]:
-    return {item.id: item.name for item in part("engine.project_content").list_objects(folder)}
+    return {item.id: item.name for item in part("engine.project.content").list_objects(folder)}
 
 
 def not_stored(draw: Callable[[str], Any]) -> list[str]:
@@ -288,7 +288,7 @@ def not_stored(draw: Callable[[str], Any]) -> list[str]:
 
 def write(part: Part, folder: Path, object_id: str, name: str) -> None:
     """Rename an object as another program does."""
-    part("engine.records").rename_object(folder, object_id, name)
+    part("engine.delivery.records").rename_object(folder, object_id, name)
 
 
 def test_hidden_object_is_renamed_as_well(museum: Any, part: Part) -> None:
@@ -302,7 +302,7 @@ def test_hidden_object_is_renamed_as_well(museum: Any, part: Part) -> None:
 
 
 def test_record_follows_undo_and_redo(museum: Any, part: Part) -> None:
-    load = part("engine.records").load_record
+    load = part("engine.delivery.records").load_record
     for title in ("Krater", "Amphora"):
         isolated()["vase"].heritage.title = title
         step()
@@ -316,7 +316,7 @@ def test_record_follows_undo_and_redo(museum: Any, part: Part) -> None:
 
 
 def test_fields_that_another_program_has_filled_in_are_kept(museum: Any, part: Part) -> None:
-    records = part("engine.records")
+    records = part("engine.delivery.records")
     records.save_record(museum.folder, "vase", records.MuseumRecord(notes="from the page"))
     vase = isolated()["vase"]
     vase.heritage.title = "Krater"
@@ -341,7 +341,7 @@ def test_what_another_program_stored_since_is_kept_and_said(
         undo()
     assert in_project(part, museum.folder) == kept
     assert "was changed by another program since, and stays so there" in problem(part)
-    part("gaussian_heritage_addon.project_history").look_again()
+    part("gaussian_heritage_addon.project.project_history").look_again()
     assert not_stored(draw) == (["Only in the project: Tea Pot"] if action is isolate else ["Not stored: Vase"])
     bpy.ops.heritage.open_project(directory=str(museum.folder))
     assert in_blender(part) == in_project(part, museum.folder) == kept and not_stored(draw) == []
@@ -360,8 +360,8 @@ def test_undo_of_opening_a_project_deletes_nothing_in_it(museum: Any, part: Part
 def test_project_in_which_a_job_works_follows_when_that_has_ended(museum: Any, act: Act, part: Part) -> None:
     act(isolate)
     stored = in_project(part, museum.folder)
-    history = part("gaussian_heritage_addon.project_history")
-    with part("engine.project_folder").ProjectFolder.open_existing(museum.folder):
+    history = part("gaussian_heritage_addon.project.project_history")
+    with part("engine.project.folder").ProjectFolder.open_existing(museum.folder):
         undo()
         isolated()["vase"].name = "Urn"
         bpy.context.view_layer.update()
@@ -384,7 +384,7 @@ def test_killed_between_undo_and_storing_it_says_so_and_one_press_stores(
     act(action)
     stored = in_project(part, museum.folder)
     with monkeypatch.context() as killed:
-        killed.setattr(part("gaussian_heritage_addon.project_history"), "_follow_objects", lambda project: [])
+        killed.setattr(part("gaussian_heritage_addon.project.project_history"), "_follow_objects", lambda project: [])
         while in_blender(part) != before:
             undo()
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
@@ -404,9 +404,9 @@ def test_state_that_the_trash_has_not_any_more_is_said_and_stored_by_one_press(
     museum: Any, act: Act, part: Part, draw: Callable[[str], Any]
 ) -> None:
     act(correct)
-    folders = part("engine.project_folder").ProjectFolder
+    folders = part("engine.project.folder").ProjectFolder
     with folders.open_existing(museum.folder) as opened:
-        part("engine.records").empty_trash(opened)
+        part("engine.delivery.records").empty_trash(opened)
     undo()
     assert "no earlier state of 'vase' any more" in problem(part) and not_stored(draw) == ["Not stored: Vase"]
     act(lambda _: bpy.ops.heritage.store_edits())
@@ -416,7 +416,7 @@ def test_state_that_the_trash_has_not_any_more_is_said_and_stored_by_one_press(
 def test_project_that_cannot_be_written_is_said_once_and_marked(
     museum: Any, part: Part, draw: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    history, errors = part("gaussian_heritage_addon.project_history"), part("engine.errors")
+    history, errors = part("gaussian_heritage_addon.project.project_history"), part("engine.core.errors")
 
     def refuse(*_: Any) -> None:
         raise errors.DiskError("The disk is read-only.")
@@ -426,7 +426,7 @@ def test_project_that_cannot_be_written_is_said_once_and_marked(
         isolated()["vase"].name = "Urn"
         bpy.context.view_layer.update()
     assert problem(part) == "The disk is read-only." and not_stored(draw) == ["Not stored: Urn"]
-    part("gaussian_heritage_addon.problems").clear()
+    part("gaussian_heritage_addon.blender.problems").clear()
     history.catch_up()
     assert problem(part) == "" and names(part, museum.folder)["vase"] == "Vase"
 
@@ -447,7 +447,7 @@ def test_copies_belong_to_the_file_alone(
     bpy.data.objects.remove(copy)
     step()
     assert in_project(part, museum.folder) == stored and not_stored(draw) == []
-    assert part("engine.records").load_record(museum.folder, "vase").title == ""
+    assert part("engine.delivery.records").load_record(museum.folder, "vase").title == ""
     file = tmp_path / "museum.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -460,7 +460,7 @@ def test_copies_belong_to_the_file_alone(
     bpy.data.objects.remove(appended)
     step()
     assert in_project(part, museum.folder) == stored
-    assert part("engine.records").load_record(museum.folder, "vase").title == ""
+    assert part("engine.delivery.records").load_record(museum.folder, "vase").title == ""
 
 
 def test_object_that_another_scene_of_the_file_shows_is_not_deleted(

@@ -78,12 +78,12 @@ def square_camera(camera: Any, part: Part) -> Any:
 
 def show(part: Part, gaussians: Any, camera: Any, *, moved: Matrix | None = None) -> bpy.types.Object:
     scene = bpy.context.scene
-    splats = part("gaussian_heritage_addon.splats").SplatScene.create("s", gaussians, scene.collection)
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.create("s", gaussians, scene.collection)
     splats.object.heritage.role = "SCENE"
     if moved is not None:
         splats.object.matrix_world = moved
-    part("gaussian_heritage_addon.cameras").add_cameras([camera], scene.collection)
-    part("gaussian_heritage_addon.render_settings").set_up_render(scene)
+    part("gaussian_heritage_addon.project.cameras").add_cameras([camera], scene.collection)
+    part("gaussian_heritage_addon.splats.render_settings").set_up_render(scene)
     bpy.ops.heritage.look_through_photo()
     return splats.object
 
@@ -153,7 +153,7 @@ def test_moved_object_looks_as_its_export_would(
     obj = show(part, gaussians, square_camera, moved=moved)
     bpy.context.view_layer.update()
     bpy.context.scene.heritage.blending = "TRAINED"
-    exported = part("gaussian_heritage_addon.splats").SplatScene.of(obj).gaussians()
+    exported = part("gaussian_heritage_addon.splats.splats").SplatScene.of(obj).gaussians()
     expected = rendered_by_formula(part, exported, square_camera, linear=False)
     assert np.abs(rendered_by_cycles(tmp_path) - expected).max() <= 2 / 255
 
@@ -165,7 +165,7 @@ def test_opaque_colour_is_rendered_unchanged(
     gaussians.means[:], gaussians.log_scales[:], gaussians.opacity_logits[:] = 0, 1.0, 20.0
     gaussians.sh[:] = (np.array([0.8, 0.5, 0.1]) - 0.5) / 0.28209479177387814
     show(part, gaussians, square_camera)
-    part("gaussian_heritage_addon.properties").apply_blending(bpy.context.scene)
+    part("gaussian_heritage_addon.splats.properties").apply_blending(bpy.context.scene)
     assert bpy.context.scene.view_settings.view_transform == "Standard"
     # Alpha is at most 0.99, as in the engine; 1 % less linear light is 0.4 % of the sRGB value.
     np.testing.assert_allclose(rendered_by_cycles(tmp_path)[44, 68], [0.8, 0.5, 0.1], atol=1.5 / 255)
@@ -178,8 +178,8 @@ def test_blenders_own_type_blends_in_linear_light(
     """Why it does not take the place of our display: docs/design_notes/blender.md tells the figures."""
     gaussians = random_gaussians(40, degree=0, seed=1)
     scene = bpy.context.scene
-    part("gaussian_heritage_addon.native_splats").copy_as_native("n", gaussians, scene.collection)
-    part("gaussian_heritage_addon.cameras").add_cameras([square_camera], scene.collection)
+    part("gaussian_heritage_addon.splats.native_splats").copy_as_native("n", gaussians, scene.collection)
+    part("gaussian_heritage_addon.project.cameras").add_cameras([square_camera], scene.collection)
     scene.camera = next(obj for obj in scene.objects if obj.type == "CAMERA")
     scene.render.engine, scene.cycles.samples, scene.view_settings.view_transform = "CYCLES", 64, "Standard"
     scene.render.resolution_x, scene.render.resolution_y = square_camera.width, square_camera.height

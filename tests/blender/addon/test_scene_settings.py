@@ -54,7 +54,7 @@ def test_settings_of_a_new_file_come_back_when_the_splats_are_gone(part: Part, p
     before, scene = settings(), bpy.context.scene
     bpy.ops.heritage.import_gaussian_ply(filepath=str(ply))
     assert settings()[:3] == ("CYCLES", "Standard", 1)
-    code = part("gaussian_heritage_addon.render_settings")
+    code = part("gaussian_heritage_addon.splats.render_settings")
     assert not code.missing_settings(scene)
     assert not code.can_restore(scene)
     bpy.data.objects.remove(next(obj for obj in scene.objects if obj.heritage.role == "SCENE"))
@@ -69,7 +69,7 @@ def test_new_scene_with_splats_says_what_its_render_needs(part: Part, ply: Path)
     other = bpy.data.scenes.new("Other")
     other.collection.objects.link(obj)
     other.render.engine, other.view_settings.view_transform = "CYCLES", "AgX"
-    code = part("gaussian_heritage_addon.render_settings")
+    code = part("gaussian_heritage_addon.splats.render_settings")
     assert code.missing_settings(other) == ["transparent_bounces", "samples", "view_transform"]
     code.set_up_render(other)
     assert not code.missing_settings(other)

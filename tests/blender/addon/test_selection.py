@@ -96,9 +96,9 @@ def test_row_in_edit_mode_is_where_edits_go_and_blenders_afterwards(two: SimpleN
 def test_object_that_the_view_layer_leaves_out_says_what_to_do(two: SimpleNamespace, part: Part) -> None:
     collection = two.bust.users_collection[0]
     bpy.context.view_layer.layer_collection.children[collection.name].exclude = True
-    part("gaussian_heritage_addon.problems").clear()
+    part("gaussian_heritage_addon.blender.problems").clear()
     two.scene.heritage.active = bpy.data.objects.find("Bust")
-    assert "Tick it in the outliner" in part("gaussian_heritage_addon.problems").shown()
+    assert "Tick it in the outliner" in part("gaussian_heritage_addon.blender.problems").shown()
     assert row() == two.vase
 
 
@@ -136,7 +136,7 @@ def test_eye_that_an_earlier_release_closed_stays_closed_and_can_be_opened(two: 
     two.vase.hide_set(False)
     two.vase.hide_viewport = True
     bpy.context.view_layer.update()
-    part("gaussian_heritage_addon.properties").follow_eyes(two.scene)
+    part("gaussian_heritage_addon.splats.properties").follow_eyes(two.scene)
     assert two.vase.heritage.hidden and two.vase.hide_get() and not two.vase.hide_viewport
     two.vase.heritage.hidden = False
     assert two.vase.visible_get()
@@ -167,7 +167,7 @@ def opaque(obj: bpy.types.Object, far: float) -> None:
 
 
 def test_click_on_visible_splats_meets_the_nearest_object_that_is_shown(two: SimpleNamespace, part: Part) -> None:
-    selection = part("gaussian_heritage_addon.view_selection")
+    selection = part("gaussian_heritage_addon.splats.view_selection")
     opaque(two.vase, 20.0)
     opaque(two.bust, -20.0)
     both = [two.vase, two.bust]
@@ -189,7 +189,10 @@ def test_click_on_visible_splats_meets_the_nearest_object_that_is_shown(two: Sim
 
 
 def test_box_catches_the_objects_with_splats_in_it(two: SimpleNamespace, part: Part) -> None:
-    selection, sight = part("gaussian_heritage_addon.view_selection"), part("gaussian_heritage_addon.sight")
+    selection, sight = (
+        part("gaussian_heritage_addon.splats.view_selection"),
+        part("gaussian_heritage_addon.splats.sight"),
+    )
     opaque(two.vase, 20.0)
     opaque(two.bust, -20.0)
     # From -Y, 100 units wide in 1000 pixels.
@@ -231,7 +234,7 @@ def test_click_selects_as_blender_does(
 
 
 def test_splats_are_clicked_in_object_mode_of_a_view_that_draws_them(two: SimpleNamespace, part: Part) -> None:
-    selection = part("gaussian_heritage_addon.view_selection")
+    selection = part("gaussian_heritage_addon.splats.view_selection")
     area, region = SimpleNamespace(type="VIEW_3D"), SimpleNamespace(type="WINDOW")
 
     def found(**other: Any) -> list[bpy.types.Object]:
@@ -256,7 +259,7 @@ def test_splats_are_clicked_in_object_mode_of_a_view_that_draws_them(two: Simple
 
 
 def test_edit_mode_shows_the_splats_of_the_object_alone(two: SimpleNamespace, part: Part) -> None:
-    edited = part("gaussian_heritage_addon.edited_splats")
+    edited = part("gaussian_heritage_addon.splats.edited_splats")
     two.vase.heritage.threshold = 0.6
     assert not two.vase.modifiers["Gaussian Splats"].show_in_editmode
     select(two.vase)
@@ -277,7 +280,7 @@ def test_edit_mode_shows_the_splats_of_the_object_alone(two: SimpleNamespace, pa
 
 
 def test_moved_vertices_are_drawn_where_they_are_in_edit_mode(two: SimpleNamespace, part: Part) -> None:
-    edited = part("gaussian_heritage_addon.edited_splats")
+    edited = part("gaussian_heritage_addon.splats.edited_splats")
     select(two.vase)
     bpy.ops.object.mode_set(mode="EDIT")
     try:
@@ -297,9 +300,11 @@ def test_moved_vertices_are_drawn_where_they_are_in_edit_mode(two: SimpleNamespa
 
 
 def test_selected_gaussians_are_marked_in_the_list_that_is_drawn(two: SimpleNamespace, part: Part) -> None:
-    view = part("gaussian_heritage_addon.splat_view")
+    view = part("gaussian_heritage_addon.splats.splat_view")
     count = len(two.vase.data.vertices)
-    tables = SimpleNamespace(parts=[part("gaussian_heritage_addon.splat_tables").Part.of(splats_of(part, two.vase))])
+    tables = SimpleNamespace(
+        parts=[part("gaussian_heritage_addon.splats.splat_tables").Part.of(splats_of(part, two.vase))]
+    )
     tables.starts = [0, count]
     far = bpy.data.objects.new("eye", None).matrix_world.copy()
     far.translation = (0.0, 0.0, -20.0)
@@ -313,4 +318,4 @@ def test_selected_gaussians_are_marked_in_the_list_that_is_drawn(two: SimpleName
 
 
 def splats_of(part: Part, obj: bpy.types.Object) -> Any:
-    return part("gaussian_heritage_addon.splats").SplatScene.of(obj)
+    return part("gaussian_heritage_addon.splats.splats").SplatScene.of(obj)

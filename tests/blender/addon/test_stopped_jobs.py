@@ -145,7 +145,7 @@ def _rows_above_the_buttons(draw: Draw) -> int:
 
 
 def test_jobs_have_the_names_of_their_buttons(part: Part) -> None:
-    name = part("gaussian_heritage_addon.job_names").job_name
+    name = part("gaussian_heritage_addon.jobs.job_names").job_name
     project, engine = Path("/rooms/room_heritage"), ["python", "-m", "engine", "segment", "/rooms/room_heritage"]
     for words, expected in (
         (["--prompt=vase,teapot"], "isolate vase, teapot"),

@@ -44,8 +44,10 @@ def test_small_gaussians_keep_their_light(
     # A ball of `sigma` pixels: the picture is as wide as it is far away.
     gaussians.log_scales[:] = np.log(sigma * distance / side)
     gaussians.opacity_logits[:] = 2
-    splats = part("gaussian_heritage_addon.splats").SplatScene.create("s", gaussians, bpy.context.scene.collection)
-    view = part("gaussian_heritage_addon.splat_view")
+    splats = part("gaussian_heritage_addon.splats.splats").SplatScene.create(
+        "s", gaussians, bpy.context.scene.collection
+    )
+    view = part("gaussian_heritage_addon.splats.splat_view")
     window = Matrix(((2, 0, 0, 0), (0, 2, 0, 0), (0, 0, -1.02, -0.2), (0, 0, -1, 0)))
     offscreen = gpu.types.GPUOffScreen(side, side, format="RGBA32F")
     objects = [splats.object]

@@ -16,8 +16,8 @@ from engine.cameras.brown_lens import BrownLens
 from engine.cameras.given import has_points, read_cameras
 from engine.cameras.settings import CameraSettings
 from engine.cameras.undistortion import project
-from engine.errors import CameraError, FormatError, HeritageError
-from engine.events import Warned
+from engine.core.errors import CameraError, FormatError, HeritageError
+from engine.core.events import Warned
 from engine.scene import CameraSet, lens_pixels
 
 from .conftest import HEIGHT, LENS, WIDTH, Scene

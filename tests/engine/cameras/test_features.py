@@ -12,7 +12,7 @@ from engine.cameras.colmap_calls import opened_database, translated
 from engine.cameras.features import SfmWorkspace
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
-from engine.errors import CameraError, DiskError, HeritageError
+from engine.core.errors import CameraError, DiskError, HeritageError
 from engine.scene.photo import PhotoSet
 
 from .conftest import Scene

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from engine.cameras.given import read_cameras
 from engine.cameras.settings import CameraSettings
 from engine.cameras.undistortion import project
-from engine.errors import CameraError, FormatError
+from engine.core.errors import CameraError, FormatError
 from engine.scene.camera import Camera, CameraSet
 from engine.scene.photo import Photo, PhotoSet
 

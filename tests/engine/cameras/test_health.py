@@ -30,7 +30,7 @@ from engine.cameras.lens_trials import LensTrial, tried_lenses
 from engine.cameras.mirrored import agreeing_as_mirrored, smaller_side
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
-from engine.events import Event, Progress, Warned, never_stop
+from engine.core.events import Event, Progress, Warned, never_stop
 from engine.photos.reading import read_photos
 from engine.scene import CameraHealth, CameraSet
 

@@ -14,8 +14,8 @@ import pytest
 from engine.cameras.given import has_points, read_cameras
 from engine.cameras.model_places import find_models
 from engine.cameras.undistortion import project
-from engine.errors import CameraError
-from engine.events import Warned
+from engine.core.errors import CameraError
+from engine.core.events import Warned
 from engine.scene import Photo, PhotoSet
 
 from .conftest import HEIGHT, WIDTH, Scene

@@ -16,8 +16,8 @@ import pytest
 from engine.cameras import model_reading
 from engine.cameras.model_reading import cloud_in_child, model_in_child, read_cloud, read_model
 from engine.cameras.reconstruction import viewmat_of
-from engine.errors import CameraError, Cancelled, FormatError
-from engine.events import never_stop
+from engine.core.errors import CameraError, Cancelled, FormatError
+from engine.core.events import never_stop
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="only Linux bounds the memory of a process")
 N_IMAGES, N_POINTS = 4, 30

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from engine.cameras.pairs import all_pairs, largest_descriptors, promising_pairs
-from engine.errors import Cancelled
+from engine.core.errors import Cancelled
 
 
 def around(count: int, *, seen: int = 80, step: int = 20) -> list[NDArray[np.float32]]:

@@ -11,7 +11,7 @@ from PIL import Image
 
 from engine.cameras.features import SfmWorkspace, match_features
 from engine.cameras.settings import CameraSettings
-from engine.events import never_stop
+from engine.core.events import never_stop
 from engine.photos.reading import read_photos
 from engine.scene.photo import PhotoSet
 

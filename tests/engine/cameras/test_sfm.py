@@ -19,8 +19,8 @@ from PIL import Image
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
 from engine.cameras.undistortion import project
-from engine.errors import CameraError, Cancelled, SettingsError
-from engine.events import Event, Progress, Warned
+from engine.core.errors import CameraError, Cancelled, SettingsError
+from engine.core.events import Event, Progress, Warned
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 from engine.scene.camera import CameraSet

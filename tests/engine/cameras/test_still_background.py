@@ -10,8 +10,8 @@ from engine.cameras.features import SfmWorkspace, match_features
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
 from engine.cameras.still_background import still_background
-from engine.errors import CameraError
-from engine.events import never_stop
+from engine.core.errors import CameraError
+from engine.core.events import never_stop
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 

@@ -15,7 +15,7 @@ from engine.cameras.given import read_cameras
 from engine.cameras.settings import CameraSettings
 from engine.cameras.turning import MIRRORED, ORIENTATIONS, turned_lens, turned_pixels, turned_viewmat
 from engine.cameras.undistortion import project
-from engine.errors import CameraError
+from engine.core.errors import CameraError
 from engine.photos import load_pixels, read_photos
 from engine.photos.exif import UPRIGHT_TRANSPOSES
 from engine.scene import Camera, Lens, PhotoSet, lens_pixels

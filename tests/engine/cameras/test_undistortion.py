@@ -19,7 +19,7 @@ from engine.cameras.undistortion import (
     training_pinhole,
     undistort,
 )
-from engine.errors import CameraError, FormatError
+from engine.core.errors import CameraError, FormatError
 from engine.scene.camera import Camera, PinholeCamera
 
 from .conftest import looking_at

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import FormatError, ObjectError
+from engine.core.errors import FormatError, ObjectError
 from engine.formats import read_glb, read_ply, read_ply_file, write_glb, write_ply, write_spz
 from engine.scene.gaussians import Gaussians
 

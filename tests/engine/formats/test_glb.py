@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.errors import FormatError, NumericalError
+from engine.core.errors import FormatError, NumericalError
 from engine.formats.axes import y_up_from_z_up, z_up_from_y_up
 from engine.formats.glb import read_glb, write_glb
 from engine.formats.spherical_harmonics import sh_basis

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import FormatError, NumericalError
+from engine.core.errors import FormatError, NumericalError
 from engine.formats.ply import read_ply, write_ply
 from engine.scene.gaussians import Gaussians
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import FormatError
+from engine.core.errors import FormatError
 from engine.formats.axes import y_down_from_z_up
 from engine.formats.ply import read_ply, read_ply_file, write_ply
 from engine.formats.transform import rotations_from_quats, transform_gaussians

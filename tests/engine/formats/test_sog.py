@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.errors import FormatError, NumericalError
+from engine.core.errors import FormatError, NumericalError
 from engine.formats import read_ply_file, read_sog, write_sog
 from engine.formats.codebooks import codebook, palette
 from engine.formats.transform import rotations_from_quats

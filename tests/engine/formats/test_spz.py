@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import EnvironmentProblem, FormatError, NumericalError
+from engine.core.errors import EnvironmentProblem, FormatError, NumericalError
 from engine.formats.axes import y_down_from_z_up
 from engine.formats.ply import read_ply
 from engine.formats.spz import read_spz, write_spz

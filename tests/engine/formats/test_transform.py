@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from engine.errors import NumericalError
+from engine.core.errors import NumericalError
 from engine.formats.spherical_harmonics import orthogonal_sh_matrix, sh_basis
 from engine.formats.transform import (
     AffineMap,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import DiskError, EnvironmentProblem, FormatError, NumericalError
+from engine.core.errors import DiskError, EnvironmentProblem, FormatError, NumericalError
 from engine.formats.transform import rotations_from_quats
 from engine.formats.usd import PRIM_TYPE, write_usd
 from engine.formats.usd_elsewhere import write_usd_elsewhere

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import FormatError
+from engine.core.errors import FormatError
 from engine.formats import kind_of, read_ksplat, read_other, read_ply_file, read_splat
 from engine.formats.transform import rotations_from_quats
 from engine.pictures import decode_picture

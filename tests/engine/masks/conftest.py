@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from engine.masks.sam import SegmentAnything
-from tests.engine.models.weights import fetched
+from tests.engine.install.models.weights import fetched
 
 
 @pytest.fixture(scope="session")

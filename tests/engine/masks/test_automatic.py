@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.errors import Cancelled, SettingsError
+from engine.core.errors import Cancelled, SettingsError
 from engine.masks import mask_iou
 from engine.masks.automatic import _Candidate, _Found, label_map_size, paint_labels, segment_everything
 from engine.masks.sam import SegmentAnything

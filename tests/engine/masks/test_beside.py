@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from engine.files import file_sha256
+from engine.core.files import file_sha256
+from engine.core.system import cpu_seconds
 from engine.masks.beside import MasksBeside
 from engine.masks.settings import MaskSettings
 from engine.masks.storage import label_map_path, read_label_map
 from engine.scene import write_photo_set
 from engine.scene.photo import Photo, PhotoSet
-from engine.system import cpu_seconds
 from tests.conftest import wait_until
+from tests.engine.install.models.weights import fetched
 from tests.engine.masks.shapes import shapes_picture
-from tests.engine.models.weights import fetched
 
 FEW_CLICKS = MaskSettings(max_prompts=2, max_side=128, grid=0)
 NAMES = ["a.png", "b.png"]

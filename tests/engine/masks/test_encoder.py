@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
-from engine import processor
+from engine.core import processor
+from engine.install.models import open_session, read_onnx_weights
 from engine.masks import encoder
 from engine.masks.encoder import PhotoEncoder, describe_encoding
 from engine.masks.sam import SegmentAnything
 from engine.masks.torch_encoder import TorchEncoder
-from engine.models import open_session, read_onnx_weights
+from tests.engine.install.models.weights import fetched
 from tests.engine.masks import tiny_sam
 from tests.engine.masks.shapes import shapes_picture
-from tests.engine.models.weights import fetched
 
 
 class _Card:

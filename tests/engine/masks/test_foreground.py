@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import Cancelled, MaskError
-from engine.events import ignore_events, never_stop
+from engine.core.errors import Cancelled, MaskError
+from engine.core.events import ignore_events, never_stop
 from engine.masks.foreground import make_foreground_masks
 from engine.masks.sam import SegmentAnything
 from engine.photos.photo_masks import with_masks

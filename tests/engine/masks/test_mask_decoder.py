@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine import processor
+from engine.core import processor
+from engine.install.models import read_onnx_weights
 from engine.masks import mask_iou
 from engine.masks.generator import stability_score
 from engine.masks.mask_decoder import MaskDecoder
 from engine.masks.sam import Embedding, SegmentAnything
 from engine.masks.torch_decoder import TorchDecoder
-from engine.models import read_onnx_weights
+from tests.engine.install.models.weights import fetched
 from tests.engine.masks.shapes import shapes_picture
-from tests.engine.models.weights import fetched
 
 CLICK, OTHER, BOX = (150.0, 140.0), (480.0, 140.0), (392.0, 52.0, 568.0, 228.0)
 PROMPT = np.array([[[300.0, 300.0], [0.0, 0.0]]], np.float32), np.array([[1.0, -1.0]], np.float32)

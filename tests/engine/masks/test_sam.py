@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import MaskError, ModelFileError
+from engine.core.errors import MaskError, ModelFileError
 from engine.masks.sam import Embedding, SegmentAnything, photo_logits
+from tests.engine.install.models.weights import fetched
 from tests.engine.masks.shapes import iou, shapes_picture
-from tests.engine.models.weights import fetched
 
 
 @pytest.fixture(scope="module")

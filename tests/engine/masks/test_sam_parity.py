@@ -18,13 +18,13 @@ import transformers
 from PIL import Image
 from transformers.models.sam.image_processing_pil_sam import _compute_stability_score, _rle_to_mask
 
-from engine.errors import MaskError, ModelFileError, SettingsError
+from engine.core.errors import MaskError, ModelFileError, SettingsError
+from engine.install.models.cache import CACHE_VARIABLE
+from engine.install.models.catalogue import find_model_files
 from engine.masks.automatic import _Candidate, _passes_filters, segment_everything
 from engine.masks.generator import _suppress_overlapping, generate_grid_masks
 from engine.masks.sam import Embedding, SegmentAnything, load_sam
 from engine.masks.settings import PRESETS, SAM_MODELS, MaskSettings
-from engine.models.cache import CACHE_VARIABLE
-from engine.models.catalogue import find_model_files
 from tests.engine.masks import tiny_sam
 from tests.engine.masks.shapes import iou, shapes_picture
 

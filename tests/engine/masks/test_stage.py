@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import Cancelled, MaskError
-from engine.events import Event, Progress
-from engine.files import file_sha256
+from engine.core.errors import Cancelled, MaskError
+from engine.core.events import Event, Progress
+from engine.core.files import file_sha256
 from engine.masks import stage
 from engine.masks.sam import Embedding
 from engine.masks.settings import MaskSettings

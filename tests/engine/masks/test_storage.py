@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import DiskError, MaskError
+from engine.core.errors import DiskError, MaskError
 from engine.masks.storage import label_map_path, read_label_map, read_recipe, write_label_map
 
 
@@ -94,7 +94,7 @@ def test_a_file_that_is_no_label_map_is_one_sentence(tmp_path: Path, labels: np.
 
 
 def test_a_label_map_that_decodes_to_gigabytes_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("engine.files.arrays._MAX_DEFLATED_BYTES", 1 << 20)
+    monkeypatch.setattr("engine.core.files.arrays._MAX_DEFLATED_BYTES", 1 << 20)
     write_label_map(tmp_path / "a.npz", np.zeros((1000, 1000), np.int32), recipe="r")
     assert (tmp_path / "a.npz").stat().st_size < 10_000
     with pytest.raises(MaskError, match="its compressed arrays state"):

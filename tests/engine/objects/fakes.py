@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from engine.events import ignore_events, never_stop
-from engine.gaussians.storage import save_gaussians
+from engine.core.events import ignore_events, never_stop
 from engine.masks.sam import Embedding
 from engine.masks.storage import label_map_path, write_label_map
 from engine.objects.segmenter import Segmenter
 from engine.objects.settings import SegmentSettings
-from engine.project_folder import ProjectFolder
+from engine.project.folder import ProjectFolder
 from engine.scene.camera_storage import write_camera_set
+from engine.training.scene_files import save_gaussians
 from tests.engine.pictures.blob_scene import PART_NAMES, BlobScene
 
 

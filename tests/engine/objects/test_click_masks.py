@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.cli import main
-from engine.errors import PromptError
-from engine.grounding import load_default_detector
-from engine.jobs import Click, click_question
-from engine.jobs.click_preview import _answer
+from engine.cli.main import main
+from engine.core.errors import PromptError
 from engine.objects import Point, click_masks, load_context
 from engine.objects.context import SegmentationContext
 from engine.objects.evidence import evidence_of_clicks
+from engine.objects.grounding import load_default_detector
 from engine.objects.settings import BETTER
-from engine.project_folder import ProjectFolder
+from engine.project.folder import ProjectFolder
+from engine.workers.jobs import Click, click_question
+from engine.workers.jobs.click_preview import _answer
 from tests.engine.objects.fakes import FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import Cancelled
-from engine.events import Event, Progress
+from engine.core.errors import Cancelled
+from engine.core.events import Event, Progress
 from engine.objects.context import SegmentationContext
 from engine.objects.lifting import FoundObject
 from engine.objects.segment import find_everything
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_membership, save_object
-from engine.project_folder import ProjectFolder
-from engine.records import ObjectRecord
+from engine.project.folder import ProjectFolder
+from engine.project.objects import ObjectRecord
 from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
 
-from engine.errors import Cancelled
-from engine.events import never_stop
+from engine.core.errors import Cancelled
+from engine.core.events import never_stop
 from engine.objects.graph import SceneGraph, build_graph, load_or_build_graph
 from engine.objects.views import Views
 from engine.objects.votes import MaskEvidence, Votes, count_votes

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.errors import Cancelled
-from engine.events import Event, Progress
+from engine.core.errors import Cancelled
+from engine.core.events import Event, Progress
 from engine.objects.context import SegmentationContext
 from engine.objects.looks import Looks, build_looks, load_or_build_looks
 from engine.objects.photos import Photos

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.events import Event, Progress, Warned
+from engine.core.events import Event, Progress, Warned
 from engine.objects.prompts import ClickPrompt, TextPrompt
 from engine.objects.segment import find_everything, find_objects
 from engine.objects.settings import BETTER

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageFile
 
-from engine.errors import MaskError, PromptError
+from engine.core.errors import MaskError, PromptError
 from engine.objects.prompts import (
     BoxPrompt,
     ClickPrompt,

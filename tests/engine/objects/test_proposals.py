@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import logit
 
-from engine.errors import Cancelled
-from engine.events import Event, Progress
+from engine.core.errors import Cancelled
+from engine.core.events import Event, Progress
 from engine.objects.context import SegmentationContext
 from engine.objects.proposals import LEAST_PROBABILITY, Proposals, apart, find_proposals
 from engine.objects.settings import BETTER

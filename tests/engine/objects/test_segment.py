@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import Cancelled, MaskError, ObjectError, PromptError
-from engine.events import Event, Progress, ignore_events, never_stop
+from engine.core.errors import Cancelled, MaskError, ObjectError, PromptError
+from engine.core.events import Event, Progress, ignore_events, never_stop
 from engine.objects.context import SegmentationContext
 from engine.objects.lifting import FoundObject, isolate_object
 from engine.objects.photos import Photos

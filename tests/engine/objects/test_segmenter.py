@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import FormatError, ObjectError, PromptError
-from engine.events import Event, Warned
-from engine.gaussians.storage import save_gaussians
-from engine.grounding.detector import PromptCheck
+from engine.core.errors import FormatError, ObjectError, PromptError
+from engine.core.events import Event, Warned
+from engine.core.words import split_texts
 from engine.objects.candidate_file import CANDIDATES, load_candidate
+from engine.objects.grounding.detector import PromptCheck
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership, load_object, save_object
-from engine.project_folder import ProjectFolder
-from engine.records import delete_object, list_trash, restore_object
+from engine.project.folder import ProjectFolder
+from engine.project.objects import delete_object, list_trash, restore_object
 from engine.scene.polished import load_polished
-from engine.words import split_texts
+from engine.training.scene_files import save_gaussians
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
@@ -263,7 +263,7 @@ def test_correction_that_would_leave_nothing_keeps_the_object(blobs: BlobScene, 
 
 def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
     from engine.objects.storage import save_object
-    from engine.records import ObjectRecord
+    from engine.project.objects import ObjectRecord
 
     small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)
     counts = tuple({"n_gaussians": int(one.sum())} for one in (small, large))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.errors import PromptError
+from engine.core.errors import PromptError
 from engine.objects.spatial import Extent, SpatialText, choose, parse_spatial, showing_camera
 from engine.objects.views import inner_box
 from engine.scene import PinholeCamera

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from engine.errors import DiskError, FormatError, ObjectError
+from engine.core.errors import DiskError, FormatError, ObjectError
 from engine.objects.storage import (
     is_object_intact,
     list_objects,
@@ -20,7 +20,7 @@ from engine.objects.storage import (
     save_object,
     taken_ids,
 )
-from engine.records import ObjectRecord, new_id, new_name
+from engine.project.objects import ObjectRecord, new_id, new_name
 from engine.scene import Gaussians, Polished
 
 RECORD = ObjectRecord(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.errors import SettingsError
+from engine.core.errors import SettingsError
 from engine.objects.settings import DEFAULT_PRESET, PAPER, PRESETS, SegmentSettings
 from engine.objects.views import Views, erode_mask, spread_cameras
 from engine.pictures.scene import Scene

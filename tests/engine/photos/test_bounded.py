@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.child_process import ChildFailure
-from engine.errors import PhotoError
+from engine.core.child_process import ChildFailure
+from engine.core.errors import PhotoError
 from engine.photos.inspection import inspect_photos
 from engine.photos.loading import load_pixels, load_with_valid
 from engine.photos.reading import read_photos

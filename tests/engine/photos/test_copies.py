@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from engine.events import Event, Warned
+from engine.core.events import Event, Warned
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 

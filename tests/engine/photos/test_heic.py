@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
-from engine.errors import PhotoError
+from engine.core.errors import PhotoError
 from engine.photos.capture_facts import exif_facts
 from engine.photos.heic import can_read_heic
 from engine.photos.loading import load_pixels, load_with_valid

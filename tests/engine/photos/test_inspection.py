@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import Cancelled, FormatError, PhotoError
+from engine.core.errors import Cancelled, FormatError, PhotoError
 from engine.photos.inspection import PhotoStatistics, inspect_photos, read_photo_statistics
 from engine.scene.photo import Photo, PhotoSet
 

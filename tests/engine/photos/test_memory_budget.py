@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from engine.errors import PhotoError
+from engine.core.errors import PhotoError
 from engine.photos.memory_budget import MemoryBudget
 
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from engine.errors import Cancelled, PhotoError
-from engine.events import Event, Warned, ignore_events
+from engine.core.errors import Cancelled, PhotoError
+from engine.core.events import Event, Warned, ignore_events
 from engine.photos.loading import load_valid, load_with_valid
 from engine.photos.reading import picture_files, read_photos
 from engine.scene.photo import PhotoSet

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
-from engine.errors import PhotoError
+from engine.core.errors import PhotoError
 from engine.photos.exif import UPRIGHT_TRANSPOSES
 from engine.photos.loading import load_pixels
 from engine.photos.reading import read_photos

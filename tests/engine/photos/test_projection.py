@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from engine.errors import PhotoError
+from engine.core.errors import PhotoError
 from engine.photos.heic import can_read_heic
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings

@@ -12,14 +12,14 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from engine.errors import Cancelled, PhotoError, SettingsError
-from engine.events import Event, Progress, Warned
+from engine.core.errors import Cancelled, PhotoError, SettingsError
+from engine.core.events import Event, Progress, Warned
+from engine.core.visible_text import visible
 from engine.photos.inspection import inspect_photos
 from engine.photos.reading import file_listing, picture_files, read_photos
 from engine.photos.settings import PhotoSettings
-from engine.project_folder import stage_key
+from engine.project.folder import stage_key
 from engine.scene import read_photo_set, write_photo_set
-from engine.visible_text import visible
 
 SMALL = PhotoSettings(min_side=32)
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import PhotoError
+from engine.core.errors import PhotoError
 from engine.photos import load_pixels
 from engine.photos.pixels import open_photo, read_header
 

@@ -14,7 +14,7 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-from engine.errors import PhotoError
+from engine.core.errors import PhotoError
 from engine.photos.loading import load_pixels
 
 from .opencv import read_picture, write_picture

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from engine.errors import Cancelled, PhotoError
-from engine.events import ignore_events, never_stop
+from engine.core.errors import Cancelled, PhotoError
+from engine.core.events import ignore_events, never_stop
 from engine.photos import extract_frames, is_video
 from engine.photos import video as video_module
 from engine.photos.settings import VideoSettings

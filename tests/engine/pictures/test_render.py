@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import DiskError, ObjectError, SettingsError
-from engine.evaluation.mask_metrics import iou
+from engine.core.errors import DiskError, ObjectError, SettingsError
+from engine.masks.mask_metrics import iou
 from engine.pictures.render import DEPTH_STEPS_PER_UNIT, render_view, write_png
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, BlobScene, as_pinhole
 

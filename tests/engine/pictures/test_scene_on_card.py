@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.errors import EnvironmentProblem, NumericalError
+from engine.core.errors import EnvironmentProblem, NumericalError
 from engine.pictures.render import click_mask, render_view
 from engine.pictures.scene import Scene
 from engine.rasterizer.gpu import Gpu

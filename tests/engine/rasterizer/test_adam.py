@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from engine.errors import NumericalError
+from engine.core.errors import NumericalError
 from engine.rasterizer.adam import AdamState, adam_step
 
 

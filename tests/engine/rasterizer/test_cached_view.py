@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import CameraError, NumericalError
+from engine.core.errors import CameraError, NumericalError
 from engine.rasterizer.api import rasterize
 from engine.rasterizer.cached_view import CachedView
 from tests.engine.rasterizer.scenes import camera, random_scene

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from engine.child_process import ChildFailure
-from engine.errors import EnvironmentProblem
+from engine.core.child_process import ChildFailure
+from engine.core.errors import EnvironmentProblem
 from engine.rasterizer.devices import (
     PROCESSOR,
     Device,

@@ -6,7 +6,7 @@ import pytest
 import torch
 import torch.nn.functional as functional
 
-from engine.errors import NumericalError
+from engine.core.errors import NumericalError
 from engine.rasterizer.loss import Target, photometric_loss, ssim
 
 

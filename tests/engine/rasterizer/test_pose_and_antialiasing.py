@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from engine.errors import CameraError
+from engine.core.errors import CameraError
 from engine.rasterizer.settings import RasterSettings
 
 from .scenes import camera, random_scene

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import CameraError, NumericalError, SettingsError
+from engine.core.errors import CameraError, NumericalError, SettingsError
 from engine.rasterizer.settings import RasterSettings
 from engine.scene.camera import PinholeCamera
 

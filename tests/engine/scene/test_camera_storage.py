@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import FormatError
+from engine.core.errors import FormatError
 from engine.scene.camera import Camera, CameraSet
 from engine.scene.camera_health import CameraHealth
 from engine.scene.camera_storage import read_camera_set, write_camera_set

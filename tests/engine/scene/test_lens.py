@@ -7,7 +7,7 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
-from engine import errors
+from engine.core import errors
 from engine.scene import lens
 from engine.scene.camera import Camera
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.errors import FormatError, SettingsError
+from engine.core.errors import FormatError, SettingsError
 from engine.scene import (
     CameraSet,
     MeasuredDistance,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.errors import FormatError
+from engine.core.errors import FormatError
 from engine.scene.photo import Photo, PhotoSet, RejectedPhoto
 from engine.scene.photo_storage import read_photo_set, write_photo_set
 

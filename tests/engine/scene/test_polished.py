@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import FormatError
+from engine.core.errors import FormatError
 from engine.scene import Gaussians, Polished, load_polished, save_polished
 
 

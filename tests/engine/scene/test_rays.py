@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.errors import CameraError
+from engine.core.errors import CameraError
 from engine.scene import Camera, Gaussians, RayCaster, photo_pixels, photo_ray, surface_point
 from tests.engine.pictures.blob_scene import BlobScene
 

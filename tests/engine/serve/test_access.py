@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from engine.errors import SettingsError
+from engine.core.errors import SettingsError
 from engine.serve import Accounts, certificate_files
 
 from .conftest import API, Client, jpeg

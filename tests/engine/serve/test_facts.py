@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from engine.objects.storage import save_object
-from engine.records import ObjectRecord
+from engine.project.objects import ObjectRecord
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene, make_scene
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from engine.errors import HeritageError
-from engine.jobs import Job
+from engine.core.errors import HeritageError
 from engine.serve import downloads, feeds
 from engine.serve.feeds import Feeds
 from engine.serve.job_queue import JobQueue
 from engine.serve.library import WebProject
 from engine.serve.settings import ServeSettings
 from engine.serve.streams import Streams
+from engine.workers.jobs import Job
 from tests.conftest import wait_until
 
 from .conftest import API, Client

@@ -137,7 +137,7 @@ def test_text_that_no_program_takes_is_refused_with_a_sentence(client: Client, t
 
 
 def test_new_files_never_change_the_umask_of_other_threads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from engine.files import atomic_write
+    from engine.core.files import atomic_write
 
     old = os.umask(0o027)
     try:

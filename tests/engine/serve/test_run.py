@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from engine.errors import EnvironmentProblem, ProjectError, SettingsError
-from engine.events import ignore_events
+from engine.core.errors import EnvironmentProblem, ProjectError, SettingsError
+from engine.core.events import ignore_events
 from engine.serve import Accounts, ServeSettings, check_server, run, run_server
 from engine.serve.certificate import certificate_files
 from tests.conftest import PATIENCE

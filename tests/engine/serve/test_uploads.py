@@ -11,7 +11,7 @@ import pillow_heif
 import pytest
 from PIL import Image
 
-from engine.errors import FormatError
+from engine.core.errors import FormatError
 from engine.serve.intake import photo_name
 
 from .conftest import API, Client, jpeg

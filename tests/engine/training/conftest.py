@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from engine.gaussians.initialise import InitialValues, gaussians_from_points
 from engine.rasterizer.api import rasterize
 from engine.scene.camera import PinholeCamera
 from engine.scene.gaussians import Gaussians
+from engine.training.initialise import InitialValues, gaussians_from_points
 from engine.training.views import TrainingView, is_held_out
 
 WIDTH, HEIGHT, N_VIEWS = 64, 48, 12

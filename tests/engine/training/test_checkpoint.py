@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import Cancelled
-from engine.events import ignore_events
+from engine.core.errors import Cancelled
+from engine.core.events import ignore_events
 from engine.rasterizer import AdamState
 from engine.scene import Gaussians
 from engine.training.checkpoint import (

@@ -9,7 +9,7 @@ import pytest
 import torch
 from PIL import Image
 
-from engine.events import never_stop
+from engine.core.events import never_stop
 from engine.scene import Camera, CameraSet, Gaussians, PinholeCamera
 from engine.training.coverage import Coverage
 from engine.training.parameters import Parameters

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from engine.settings import to_dict
+from engine.core.settings import to_dict
 from engine.training.earlier_releases import former_settings
 from engine.training.settings import PRESETS, TrainingSettings
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import Cancelled, EnvironmentProblem
-from engine.events import Event, Progress
+from engine.core.errors import Cancelled, EnvironmentProblem
+from engine.core.events import Event, Progress
 from engine.rasterizer.gpu import Gpu, open_adapter
 from engine.training import gpu_steps
 from engine.training.checkpoint import CHECKPOINT_FILE

@@ -15,9 +15,9 @@ import pytest
 import torch
 from PIL import Image
 
-from engine.errors import Cancelled, DiskError, NumericalError, TrainingError
-from engine.evaluation.segment_agreement import segment_agreement, untrained_features
-from engine.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
+from engine.core.errors import Cancelled, DiskError, NumericalError, TrainingError
+from engine.core.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
+from engine.quality.evaluation.segment_agreement import segment_agreement, untrained_features
 from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run
 from engine.training.guards import clamp_parameters, step_finite_rows

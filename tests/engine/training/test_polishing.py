@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import Cancelled
-from engine.events import never_stop
+from engine.core.errors import Cancelled
+from engine.core.events import never_stop
 from engine.scene import Gaussians, PinholeCamera
 from engine.training import AloneTarget, train_alone
 from engine.training.parameters import Parameters, render

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from engine.errors import SettingsError
+from engine.core.errors import SettingsError
 from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS, validation_photos
 from engine.training.spectrum import coarse_shares

@@ -7,7 +7,7 @@ from dataclasses import fields, is_dataclass
 
 import pytest
 
-from engine.errors import SettingsError
+from engine.core.errors import SettingsError
 from engine.training.settings import PRESET_LIST, PRESETS, TrainingSettings
 
 STANDARD = PRESETS["standard"]

@@ -10,12 +10,12 @@ import torch
 from scipy.spatial import cKDTree
 
 from engine.cameras.normalise import normalised_points, normalised_viewmat, original_from_world
-from engine.events import ignore_events, never_stop
+from engine.core.events import ignore_events, never_stop
 from engine.formats.spherical_harmonics import SH_C0
+from engine.quality.stability.training_scenes import known_capture, look_at_viewmat
 from engine.rasterizer.api import rasterize
 from engine.scene.camera import CameraSet, PinholeCamera
 from engine.scene.gaussians import Gaussians
-from engine.stability.training_scenes import known_capture, look_at_viewmat
 from engine.training.background import background_gaussians
 from engine.training.loop import train
 from engine.training.settings import PRESETS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.events import Event, Warned, ignore_events
+from engine.core.events import Event, Warned, ignore_events
 from engine.scene.camera import CameraSet
 from engine.training.settings import PRESETS
 from engine.training.start import StartPoints, start_gaussians

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.events import ignore_events, never_stop
+from engine.core.events import ignore_events, never_stop
 from engine.scene.gaussians import Gaussians
 from engine.training.held_out import render_picture
 from engine.training.loop import train

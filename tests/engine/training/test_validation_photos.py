@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import Cancelled
-from engine.events import Event, StopCheck, ignore_events, never_stop
+from engine.core.errors import Cancelled
+from engine.core.events import Event, StopCheck, ignore_events, never_stop
 from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import RunState, read_state
 from engine.training.loop import train

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.errors import Cancelled, TrainingError
+from engine.core.errors import Cancelled, TrainingError
 from engine.masks.storage import write_label_map
 from engine.scene.camera import Camera, CameraSet
 from engine.training.settings import PRESETS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from engine.errors import EnvironmentProblem
+from engine.core.errors import EnvironmentProblem
 from engine.rasterizer.gpu import Gpu
 from engine.rasterizer.gpu import self_test as gpu_self_test
 from engine.rasterizer.settings import ALPHA_MIN

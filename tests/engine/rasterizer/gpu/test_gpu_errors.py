@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import NumericalError
+from engine.core.errors import NumericalError
 from engine.rasterizer.gpu import Gpu, GpuExposures, GpuParameters, GpuTrainer, StepPlan
 from engine.rasterizer.settings import StepSettings
 from engine.training.densify import gaussian_errors

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import NumericalError
+from engine.core.errors import NumericalError
 from engine.rasterizer import Target, photometric_loss
 from engine.rasterizer.gpu import FrameSize, Gpu, GpuExposures, GpuParameters
 from engine.rasterizer.gpu.training_frame import PhotoLoss, TrainingFrame

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import CameraError, EnvironmentProblem, NumericalError
+from engine.core.errors import CameraError, EnvironmentProblem, NumericalError
 from engine.rasterizer.api import rasterize
 from engine.rasterizer.gpu import Gpu, GpuScene
 from engine.rasterizer.gpu import scene as gpu_scene

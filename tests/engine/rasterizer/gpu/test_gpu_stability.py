@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 import torch
 
-from engine.stability import scenes
-from engine.stability.cases import CASES, Case
-from engine.stability.table import run_case
+from engine.quality.stability import scenes
+from engine.quality.stability.cases import CASES, Case
+from engine.quality.stability.table import run_case
 
 RENDERED = [case for case in CASES if not case.name.startswith(("adam", "loss"))]
 

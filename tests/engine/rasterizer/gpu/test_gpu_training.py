@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.errors import NumericalError
+from engine.core.errors import NumericalError
 from engine.rasterizer import Target, photometric_loss
 from engine.rasterizer.gpu import Gpu, GpuParameters, GpuTrainer, StepPlan
 from engine.rasterizer.settings import StepSettings

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from engine.errors import EnvironmentProblem
+from engine.core.errors import EnvironmentProblem
 from engine.rasterizer.gpu import Gpu, open_adapter
 from engine.rasterizer.gpu.self_test import check_gpu
 

@@ -1,0 +1,155 @@
+"""``export``: write the scene or an object as PLY, glTF, SPZ, SOG or USD, or as a page that shows it."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...core.errors import ProjectError, SettingsError
+from ...core.events import Emit, Finished, StopCheck, Warned
+from ...project.folder import ProjectFolder
+
+if TYPE_CHECKING:
+    from ...scene import ExportFrame
+
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+
+NAME = "export"
+HELP = "Write the scene or one object as 3DGS PLY, glTF (KHR_gaussian_splatting), SPZ, SOG, USD, or a page."
+EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
+USES_CAMERAS = True
+FAR = ("leave-out", "keep", "second-file")
+"""What becomes of far Gaussians of a scene."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
+    parser.add_argument("--object", help="name or id of an object (default: the whole scene)")
+    parser.add_argument(
+        "--format",
+        choices=("ply", "glb", "spz", "sog", "usd", "html"),
+        required=True,
+        help="ply: 3D Gaussian splatting, Y down; glb: glTF, Y up; spz: a sixth of the size, without a record; "
+        "sog: for the web, a twentieth of the size with harmonics, Y down; usd: "
+        "ParticleField3DGaussianSplat, Z up; html: one file with a viewer and the record, which a browser opens "
+        "without the web",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="file to write")
+    parser.add_argument("--title", help="title of the scene in the record (default: the name of the photo folder)")
+    parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
+    parser.add_argument(
+        "--without-background",
+        action="store_true",
+        help="leave out the sphere that shows the sky or another plain backdrop of the scene",
+    )
+    parser.add_argument(
+        "--far",
+        choices=FAR,
+        default=FAR[0],
+        help="Gaussians of a scene that lie a quarter, or reach half, farther out than cameras and sparse points, "
+        "which make viewers show the scene as a dot: left out, kept, or written to a second file, NAME_far "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--origin",
+        choices=("own", "scene"),
+        default="own",
+        help="origin of an object's file: the middle of its foot, or that of the scene (default: %(default)s; "
+        "the scene's with --frame original or world)",
+    )
+    parser.add_argument(
+        "--record",
+        choices=("full", "none"),
+        default="full",
+        help="what the file says of the object and how it was made; none: nothing but the Gaussians "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--frame",
+        choices=("upright", "original", "world"),
+        help="upright: as `measure` placed and scaled it, otherwise about unit size; original: the frame of the given "
+        "or estimated poses; world: the frame of cameras/cameras.json, Z up in PLY, too (default: original where poses "
+        "were given and nothing was measured, otherwise upright)",
+    )
+
+
+def project_folder(options: argparse.Namespace) -> Path:
+    """Return the project whose log is written."""
+    path: Path = options.project
+    return path
+
+
+def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
+    """Write the file."""
+    from ...delivery.packages import SUFFIXES, divided, load_export, write_export
+
+    out: Path = options.out
+    if out.is_dir():
+        raise ProjectError(f"{out} is a folder. Choose a file name.")
+    if out.suffix.lower() not in SUFFIXES[options.format]:
+        raise SettingsError(
+            f"--format {options.format} writes {options.format.upper()}, but {out} has another extension."
+        )
+    if options.object is not None and options.without_background:
+        raise SettingsError("--without-background is for whole scenes; an object has no background. Leave it out.")
+    if options.format == "html" and options.far != FAR[0]:
+        raise SettingsError("A page frames the scene by its cameras and shows all of it. Leave out --far.")
+    if options.format == "spz" and options.record == "full":
+        emit(Warned("SPZ has no place for text, so the file has no record. Export PLY, GLB or USD to keep it."))
+    second = out.with_name(f"{out.stem}_far{out.suffix}")
+    existing = [file for file in (out, second) if file.exists() and (file == out or options.far == "second-file")]
+    if existing and not options.overwrite:
+        raise ProjectError(f"{existing[0]} already exists. Choose another name or add --overwrite.")
+    project = ProjectFolder.open_existing(options.project)
+    export = load_export(project, options.object, title=options.title)
+    left_out = 0
+    if options.without_background:
+        left_out = _n_background(project, len(export.gaussians))
+        notes = {"background_left_out": left_out}
+        export = replace(export, gaussians=export.gaussians[left_out:], notes=notes)
+        if len(export.gaussians) == 0:
+            raise ProjectError(f"{project.path} has nothing but background. Export it without --without-background.")
+    near, far = divided(export) if options.format != "html" and options.far != "keep" else (export, None)
+    shown = "upright" if options.format == "html" and options.frame is None else options.frame
+    how = {"frame": shown, "with_record": options.record == "full", "in_scene": options.origin == "scene"}
+    placed = write_export(out, near, options.format, **how)
+    n_far = 0 if far is None else len(far.gaussians)
+    if far is not None and options.far == "second-file":
+        write_export(second, far, options.format, **how)
+    figures = {"file": str(out), "n_gaussians": len(near.gaussians), "n_background_left_out": left_out}
+    figures |= {"n_far": n_far, **placed.as_dict()}
+    emit(
+        Finished(
+            f"Wrote {len(near.gaussians)} Gaussians to {out}; {_unit_sentence(placed)}.{_far(n_far, options, second)}",
+            figures,
+        )
+    )
+    return 0
+
+
+def _far(count: int, options: argparse.Namespace, second: Path) -> str:
+    """Return what is said of far Gaussians."""
+    if not count:
+        return ""
+    if options.far == "second-file":
+        return f" {count} far Gaussians are in {second.name}."
+    return f" {count} far Gaussians were left out; `--far keep` or `--far second-file` writes them."
+
+
+def _unit_sentence(frame: ExportFrame) -> str:
+    """Return what is said of the unit of the file, as the end of a sentence."""
+    if frame.metres_per_unit is None:
+        return "its unit is unknown, see `measure`"
+    return "its unit is the metre" if frame.is_metric else f"its unit is {frame.unit}"
+
+
+def _n_background(project: ProjectFolder, n: int) -> int:
+    """Return how many of the `n` Gaussians, the first ones, are the background; 0 for what release 0.1.0 trained."""
+    figures = (project.stage_record("training") or {}).get("figures") or {}
+    count = figures.get("n_background", 0)
+    if type(count) is not int or not 0 <= count <= n:
+        raise ProjectError(f"project.json in {project.path} says that {count!r} of {n} Gaussians are background.")
+    return count

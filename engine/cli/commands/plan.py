@@ -1,0 +1,85 @@
+"""``plan``: what a reconstruction would do and omit, and how much time and memory it needs; nothing is written."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from ...cameras.settings import CameraSettings
+from ...core.events import Emit, Finished, StopCheck
+from ...photos.settings import PhotoSettings
+from ...pipeline.planning import (
+    PlanSettings,
+    forecast_as_dict,
+    format_plan,
+    format_presets,
+    plan_presets,
+    require_enough_memory,
+    work_plan_as_dict,
+)
+from ...training.settings import PRESET_LIST
+from .scene_options import (
+    add_camera_options,
+    add_device_option,
+    add_no_objects_option,
+    add_preset_option,
+    add_size_options,
+)
+
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+
+NAME = "plan"
+HELP = "Show what a reconstruction would do and omit, and how much time and memory it needs, before any work."
+EXAMPLE = "python -m engine plan photos --preset best"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("photos", type=Path, help="folder with the photos")
+    add_preset_option(parser)
+    add_device_option(parser)
+    add_size_options(parser)
+    add_no_objects_option(parser)
+    add_camera_options(parser)
+    parser.add_argument(
+        "--every-preset", action="store_true", help="only how long each preset would take, with the time of each stage"
+    )
+    parser.add_argument("--json", action="store_true", help="print the plan as JSON instead of text")
+
+
+def project_folder(options: argparse.Namespace) -> None:
+    """Return None: there is no project and no log."""
+
+
+def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
+    """Print the plan, and refuse work for which there is too little memory."""
+    settings = PlanSettings(
+        preset=options.preset,
+        device=options.device,
+        max_gaussians=options.max_gaussians,
+        max_side=options.max_side,
+        wants_objects=not options.no_objects,
+    )
+    offered = [preset for preset in PRESET_LIST if preset.offered]
+    plans = plan_presets(
+        options.photos,
+        settings,
+        [preset.name for preset in offered] if options.every_preset else [options.preset],
+        photos=PhotoSettings(),
+        cameras=CameraSettings(),
+        model=options.cameras,
+        photo_masks=options.photo_masks,
+        emit=emit,
+        should_stop=should_stop,
+    )
+    if options.every_preset:
+        forecasts = [(preset, planned.forecast) for preset, planned in zip(offered, plans, strict=True)]
+        answer = {"presets": [{"name": one.name, "forecast": forecast_as_dict(known)} for one, known in forecasts]}
+        emit(Finished(json.dumps(answer, indent=1) if options.json else format_presets(forecasts), answer))
+        return 0
+    work, forecast, calibration = plans[0]
+    require_enough_memory(forecast, work, calibration)
+    outputs = {"plan": work_plan_as_dict(work), "forecast": forecast_as_dict(forecast)}
+    emit(Finished(json.dumps(outputs, indent=1) if options.json else format_plan(work, forecast), outputs))
+    return 0

@@ -1,0 +1,101 @@
+"""Options that several commands share which train or plan a scene; no command of its own."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...core.errors import SettingsError
+from ...core.words import split_texts
+from ...pipeline.planning import PlanSettings
+from ...training.settings import PRESET_LIST
+
+__all__ = [
+    "add_camera_options",
+    "add_device_option",
+    "add_no_objects_option",
+    "add_preset_option",
+    "add_prompts_option",
+    "add_size_options",
+    "describe_presets",
+    "prompts_of",
+]
+
+
+def describe_presets() -> str:
+    """Return the names of the presets with what each is for."""
+    return " ".join(f"{preset.name}: {preset.description}" for preset in PRESET_LIST)
+
+
+def add_preset_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--preset``."""
+    parser.add_argument(
+        "--preset",
+        choices=[preset.name for preset in PRESET_LIST],
+        default=PlanSettings().preset,
+        help=f"how much work. {describe_presets()} (default: %(default)s)",
+    )
+
+
+def add_prompts_option(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add ``--prompts``; `what` says what they are."""
+    parser.add_argument("--prompts", default="", help=f'{what}, in English words, e.g. "vase, teapot"')
+
+
+def prompts_of(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the texts of ``--prompts``. Raises `SettingsError` if it names none, or ``--no-objects`` is given too."""
+    prompts = tuple(split_texts(options.prompts))
+    if options.prompts and not prompts:
+        raise SettingsError(
+            f'--prompts {options.prompts!r} names no object. Write for example: --prompts "vase, teapot".'
+        )
+    if options.no_objects and prompts:
+        raise SettingsError("--no-objects leaves out the features that --prompts needs. Give only one of them.")
+    return prompts
+
+
+def add_device_option(parser: argparse.ArgumentParser, what: str = "train", *, default: str = "auto") -> None:
+    """Add ``--device``: what to do `what` on."""
+    parser.add_argument(
+        "--device",
+        choices=("auto", "cpu", "gpu"),
+        default=default,
+        help=f"what to {what} on; auto: the graphics card if there is one that passes its self-test (see `doctor`)",
+    )
+
+
+def add_size_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--max-gaussians`` and ``--max-side``."""
+    parser.add_argument(
+        "--max-gaussians",
+        type=int,
+        metavar="N",
+        help="largest number of Gaussians on a graphics card, in place of the preset's; fewer if it does not hold them",
+    )
+    parser.add_argument(
+        "--max-side",
+        type=int,
+        metavar="PIXELS",
+        help="longest side of the pictures in training on a graphics card, in place of the preset's 1,600 pixels",
+    )
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--cameras`` and ``--photo-masks``."""
+    parser.add_argument(
+        "--cameras",
+        type=Path,
+        help="cameras to use instead of estimating them: a COLMAP model or a project with one, transforms.json, or the "
+        "export of Metashape (XML) or RealityCapture (CSV, XMP)",
+    )
+    parser.add_argument(
+        "--photo-masks",
+        type=Path,
+        metavar="FOLDER",
+        help="masks named like the photos, as photo.jpg.png or photo.png: pixels that are black in them are ignored",
+    )
+
+
+def add_no_objects_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--no-objects``."""
+    parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")

@@ -1,0 +1,252 @@
+"""``segment``: isolates objects of a trained scene by text, click, box or mask, corrects them, or finds all of them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Collection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...core.errors import PromptError, SettingsError
+from ...core.events import Emit, Finished, StopCheck
+from ...core.words import split_texts
+from ...objects import object_ids, parse_point, parse_prompt
+from ...objects.settings import DEFAULT_PRESET, PRESETS
+from ...project.folder import ProjectFolder
+from ...rasterizer import PROCESSOR, choose_objects_device
+from .chosen_models import add_sam_argument, model_factories
+from .deprecated import add_deprecated_option
+from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos
+from .scene_options import add_device_option
+
+if TYPE_CHECKING:
+    from ...objects import Segmenter
+    from ...scene import Camera, PinholeCamera
+
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+
+NAME = "segment"
+HELP = "Isolate objects of a trained scene by text, click, box or mask; correct an object; or find all objects."
+EXAMPLE = "python -m engine segment scene --click IMG_3023.jpg=364,500 --not IMG_3023.jpg=364,700 --name statue"
+USES_CAMERAS = True
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
+    action = parser.add_argument_group(
+        "action", "Give exactly one of these options. --refine may be combined with --click."
+    )
+    action.add_argument("--prompt", metavar="TEXT", help='name of the object in English words; several: "vase, teapot"')
+    action.add_argument(
+        "--click", action="append", default=[], metavar="PHOTO=x,y",
+        help="a pixel of the object, from the photo's top left corner; several, in any photos, mean one object",
+    )  # fmt: skip
+    action.add_argument("--box", metavar="PHOTO=x0,y0,x1,y1", help="a box around the object, in pixels of a photo")
+    mask = action.add_argument(
+        "--mask", metavar="PHOTO=MASK.png", help="a mask of the photo's size, white where the object is"
+    )
+    add_deprecated_option(action, "--seed-mask", replaced_by=mask)
+    action.add_argument("--all", action="store_true", help="every object of the scene, and the background")
+    action.add_argument("--complement", action="store_true", help="the background: all that belongs to no object yet")
+    action.add_argument(
+        "--accept", type=int, metavar="N", help="candidate N of objects/candidates.json, stored for a refused text"
+    )
+    action.add_argument(
+        "--refine", metavar="OBJECT", help="correct this object: --click adds, --not removes, --level selects a level"
+    )
+    parser.add_argument(
+        "--not", dest="excluded", action="append", default=[], metavar="PHOTO=x,y",
+        help="a pixel that does not belong to the object; may be repeated",
+    )  # fmt: skip
+    parser.add_argument(
+        "--level", type=int, metavar="K", help="level of the object with --refine; 0 is the smallest part"
+    )
+    parser.add_argument(
+        "--seen-from", metavar="VIEW",
+        help="where left and right of a text are seen from: the name of a photo, or a camera as of `render --camera`, "
+        "its file or its JSON (default: the photo that shows most)",
+    )  # fmt: skip
+    parser.add_argument("--name", help="name of the object (default: the text, or 'object')")
+    parser.add_argument(
+        "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="preset of the method (default: %(default)s)"
+    )
+    add_sam_argument(parser)
+    add_device_option(parser, "render views and count votes")
+
+
+def project_folder(options: argparse.Namespace) -> Path:
+    """Return the folder of the log."""
+    path: Path = options.project
+    return path
+
+
+def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
+    """Run the action of the options and store its result in the project."""
+    action = _action(options)
+    with ProjectFolder.open_existing(options.project) as project:
+        message, outputs = _ACTIONS[action](project, options, emit, should_stop)
+    emit(Finished(message, outputs))
+    return 0
+
+
+def _action(options: argparse.Namespace) -> str:
+    """Return the one action that the options name."""
+    given = {
+        "prompt": options.prompt is not None,
+        "pointed": bool(options.click) or options.box is not None or options.mask is not None,
+        "all": options.all,
+        "complement": options.complement,
+        "accept": options.accept is not None,
+        "refine": options.refine is not None,
+    }
+    if given["refine"] and options.box is None and options.mask is None:
+        given["pointed"] = False
+    actions = [name for name, is_given in given.items() if is_given]
+    if len(actions) != 1:
+        raise SettingsError(
+            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept and --refine."
+        )
+    action = actions[0]
+    if options.excluded and action not in ("pointed", "refine"):
+        raise SettingsError("--not requires --click, --box, --mask or --refine.")
+    if options.level is not None and action != "refine":
+        raise SettingsError("--level requires --refine.")
+    if options.seen_from is not None and action != "prompt":
+        raise SettingsError("--seen-from requires --prompt.")
+    if options.name is not None and action in ("all", "complement", "refine"):
+        raise SettingsError(f"--name cannot be combined with --{action}.")
+    return action
+
+
+def _segmenter(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck, *, renders: bool = True
+) -> Segmenter:
+    """Return what carries out the action; without `renders`, no device is looked for."""
+    from ...objects import Segmenter
+
+    return Segmenter(
+        project, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop,
+        device=choose_objects_device(options.device) if renders else PROCESSOR,
+    )  # fmt: skip
+
+
+def _texts(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    from ...objects import CANDIDATES
+
+    texts = split_texts(options.prompt)
+    if not texts:
+        raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
+    if options.name is not None and len(texts) > 1:
+        raise SettingsError(
+            f"--name cannot be combined with several texts: {', '.join(map(repr, texts))}. Without it, each object is "
+            "named after its text. A text in quotation marks is one."
+        )
+    camera = None if options.seen_from is None else _camera(project.path, options.seen_from)
+    segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
+    records, refused = segmenter.segment_texts(texts, options.name, camera)
+    message, outputs = _stored(records, before, segmenter)
+    if refused:
+        outputs["refused"] = refused
+        outputs["candidates"] = CANDIDATES
+    return message, outputs
+
+
+def _camera(project: Path, view: str) -> Camera | PinholeCamera:
+    """Return the camera that --seen-from means."""
+    from ...cameras import parse_camera_json, read_camera_json
+    from ...scene import read_camera_set
+
+    if view.lstrip().startswith("{"):
+        return parse_camera_json(view)
+    cameras = read_camera_set(project / "cameras").by_photo
+    # A file that exists is meant as a file, unless a photo has just this name.
+    photo = view if Path(view).is_file() else known_photo(view, cameras)
+    return cameras[photo] if photo in cameras else read_camera_json(Path(view))
+
+
+def _pointed(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
+    project.require_intact("cameras")
+    prompt = prompt_in_known_photos(prompt, project.path)
+    segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
+    records = segmenter.segment(prompt, "object" if options.name is None else options.name)
+    return _stored(records, before, segmenter)
+
+
+def _accept(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
+    records = segmenter.accept_candidate(options.accept, options.name)
+    return _stored(records, before, segmenter)
+
+
+def _refine(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    clicks = [parse_point(text) for text in options.click]
+    excluded = [parse_point(text) for text in options.excluded]
+    if options.level is not None and (clicks or excluded):
+        raise SettingsError("--level cannot be combined with clicks: they change the object and delete its levels.")
+    if options.level is None and not (clicks or excluded):
+        raise SettingsError("--refine requires --click to add something, --not to remove something, or --level.")
+    segmenter = _segmenter(project, options, emit, should_stop)
+    if options.level is not None:
+        record = segmenter.choose_level(options.refine, options.level)
+    else:
+        added, removed = (points_in_known_photos(points, project.path) for points in (clicks, excluded))
+        record = segmenter.refine(options.refine, added, removed)
+    return f"{record.name} has {record.n_gaussians:,} Gaussians now.", _outputs([record], segmenter)
+
+
+def _complement(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    record = _segmenter(project, options, emit, should_stop, renders=False).store_background()
+    return f"The background has {record.n_gaussians:,} Gaussians.", {"objects": [record.id], "background": record.id}
+
+
+def _all(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    segmenter = _segmenter(project, options, emit, should_stop)
+    created, kept, background = segmenter.segment_everything()
+    message = f"{_isolated(created)} {len(kept)} existing objects were kept." if kept else _isolated(created)
+    outputs = _outputs([*created, background], segmenter)
+    return message, {**outputs, "background": background.id, "kept": kept}
+
+
+_ACTIONS = {
+    "prompt": _texts,
+    "pointed": _pointed,
+    "all": _all,
+    "complement": _complement,
+    "accept": _accept,
+    "refine": _refine,
+}
+
+
+def _stored(records: list[Any], before: Collection[str], segmenter: Segmenter) -> tuple[str, dict[str, Any]]:
+    """Return the message and the outputs for records of objects, of which those in `before` were found again."""
+    new = [record for record in records if record.id not in before]
+    existing = list(dict.fromkeys(record.id for record in records if record.id in before))
+    message, outputs = _isolated(new), _outputs(records, segmenter)
+    if not existing:
+        return message, outputs
+    names = ", ".join(dict.fromkeys(record.name for record in records if record.id in before))
+    found = f"Found again: {names}, so nothing was stored twice."
+    return (f"{message} {found}" if new else found), {**outputs, "existing": existing}
+
+
+def _outputs(records: list[Any], segmenter: Segmenter) -> dict[str, Any]:
+    return {"objects": [record.id for record in records], "device": segmenter.device.name}
+
+
+def _isolated(records: list[Any]) -> str:
+    names = ", ".join(f"{record.name} ({record.score:.2f})" for record in records)
+    return f"Isolated {names}." if names else "No further object was found."

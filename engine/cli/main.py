@@ -1,0 +1,92 @@
+"""The command line, ``python -m engine COMMAND``: parses the arguments, runs one command and reports its errors."""
+
+from __future__ import annotations
+
+import argparse
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ..core.errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
+from ..core.events import Emit, ErrorEvent, StopCheck
+from ..core.system import StopOnSignal, end_children_with_this_process, signals_held_back
+from .commands import COMMANDS, warn_of_deprecated_options
+from .doctor import missing_package
+from .terminal import EventOutput
+
+__all__ = ["main"]
+
+Command = Callable[[argparse.Namespace, Emit, StopCheck], int]
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="python -m engine",
+        description="Photos in, Gaussians and separate objects out.",
+        epilog='example: python -m engine reconstruct photos --out scene --prompts "vase, teapot"',
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for module in COMMANDS:
+        command = commands.add_parser(
+            module.NAME,
+            help=module.HELP,
+            description=module.HELP,
+            epilog=f"example: {module.EXAMPLE}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.add_argument("--events", action="store_true", help="progress as JSON lines on standard output")
+        uses_cameras = getattr(module, "USES_CAMERAS", False)
+        command.set_defaults(run=module.run, find_project=module.project_folder, uses_cameras=uses_cameras)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the name of the program; by default those of the process.
+    """
+    options = build_parser().parse_args(arguments)
+    project: Path | None = options.find_project(options)
+    output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
+    try:
+        warn_of_deprecated_options(options, output)
+        end_children_with_this_process()
+        with StopOnSignal() as should_stop:
+            if options.uses_cameras:
+                # While pycolmap is imported, its handlers take the place of ours for some milliseconds. Here no other
+                # thread can take a signal, see `__main__`.
+                with signals_held_back():
+                    from ..cameras import undistort  # noqa: F401
+            code: int = options.run(options, output, should_stop)
+        return code
+    except HeritageError as error:
+        output(ErrorEvent(str(error), type(error).__name__))
+        return error.exit_code
+    except KeyboardInterrupt:
+        output(ErrorEvent("Stopped. Run the same command again to continue.", Cancelled.__name__))
+        return Cancelled.exit_code
+    except Exception as error:
+        output.write_log(traceback.format_exc())
+        translated = _translate(error, project)
+        output(ErrorEvent(str(translated), type(translated).__name__))
+        return translated.exit_code
+    finally:
+        output.close()
+
+
+def _translate(error: Exception, project: Path | None) -> HeritageError:
+    """Return the error to report for an exception that no package translated."""
+    if is_out_of_memory(error):
+        return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
+    if isinstance(error, ModuleNotFoundError):
+        return missing_package(error.name)
+    if isinstance(error, OSError) and error.strerror:
+        which = error.filename or project or "A file"
+        return DiskError(f"{which} cannot be used: {error.strerror}. Check the disk and permissions, then run again.")
+    where = f" Details are in {project / 'log.jsonl'}." if project and (project / "log.jsonl").exists() else ""
+    return HeritageError(f"An unexpected error occurred: {type(error).__name__}: {error}.{where}")

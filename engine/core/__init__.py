@@ -1,0 +1,1 @@
+"""Small modules that every part of the engine uses: errors, events, files, the system, words. They use nothing of ours."""

@@ -1,0 +1,358 @@
+"""Work in a child process.
+
+Files from other people are read with bounded time and memory (`run_in_child`): a decoder that loops, crashes or asks
+for all memory then fails alone, its file is refused, and the engine goes on. Work of the engine's own may go on beside
+other work, on cores that are idle (`child_beside`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from . import errors
+from .errors import Cancelled, HeritageError, is_out_of_memory
+from .events import StopCheck, never_stop
+from .files import parse_json
+from .system import (
+    end_children_with_this_process,
+    end_with_parent,
+    exit_cause,
+    ignore_signals_of_the_terminal,
+    kill_group,
+    killed_for_memory,
+    killed_for_time,
+    memory_limited,
+    no_core_dumps,
+    own_group,
+    wall_seconds_limited,
+)
+
+__all__ = ["ChildBeside", "ChildFailure", "child_beside", "run_in_child"]
+
+_LOG = logging.getLogger(__name__)
+_ENGINE = str(__package__).rpartition(".")[0]
+# Not `__name__`, which is `__main__` in the child.
+_MODULE = f"{__package__}.child_process"
+_ROOT = Path(__file__).resolve().parents[_MODULE.count(".")]
+_OWN_ROOT = Path(__file__).resolve().parents[2]
+_OWN_MODULE = f"{Path(__file__).resolve().parents[1].name}.core.child_process"
+
+_MAX_START_SECONDS = 300.0
+"""Imports of a child on a slow disk; they do not count as work."""
+_POLL_SECONDS = 0.05
+_MAX_ANSWER_BYTES = 16 << 20
+_MAX_ERRORS_BYTES = 64 << 10
+_READY = b"\n"
+
+
+class ChildFailure(HeritageError):
+    """A child process broke a bound or died. Callers turn this into an error that names the file and the remedy.
+
+    Attributes
+    ----------
+    reason : {"memory", "time", "crash"}
+        What ended the child; the message says it in a sentence.
+    """
+
+    def __init__(self, message: str, reason: Literal["memory", "time", "crash"]) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+def run_in_child(
+    function: str,
+    arguments: dict[str, Any],
+    *,
+    max_memory: int,
+    max_seconds: float,
+    what: str,
+    should_stop: StopCheck = never_stop,
+    python: Path | None = None,
+) -> Any:
+    """Return the result of a function of the engine, called in a child process.
+
+    The child cannot outlive this process, gets no signal of the terminal and leaves no core dump.
+
+    Parameters
+    ----------
+    function : str
+        ``module:name`` below the engine's package, e.g. ``cameras.model_reading:read_model``.
+    arguments : dict
+        Keyword arguments of the function: JSON values.
+    max_memory : int
+        Bytes of address space that the function may take after its module was imported; mapped files count. Bounded on
+        Linux only: other systems have no such limit, and there only the time is bounded.
+    max_seconds : float
+        Wall time of the function. Starting Python and importing the module do not count.
+    what : str
+        Description of the work for messages, e.g. "reading the COLMAP model in /scan/sparse".
+    should_stop : callable
+        Asked 20 times a second; the child is killed when it returns True.
+    python : Path, optional
+        Another Python that runs the child, such as that of the engine inside Blender; by default that of this process.
+
+    Returns
+    -------
+    Any
+        The function's result: a JSON value of at most 16 MB of valid text, without NaN and infinity. What is larger
+        must be written to a file whose path is among `arguments`.
+
+    Raises
+    ------
+    HeritageError
+        What the function raised, as the same type with the same message.
+    ChildFailure
+        When the memory or the time was not sufficient, or the child crashed or raised an error that is not ours.
+    Cancelled
+        When `should_stop` returned True.
+    ModuleNotFoundError
+        When a package is not installed.
+    """
+    with _started(python) as (process, answer, complaints):
+        _send(process, _request(function, arguments, max_memory, max_seconds))
+        in_time = _wait(process, answer, max_seconds, what, should_stop)
+    if should_stop():
+        # What asks this process to stop may have ended the child too.
+        raise Cancelled(f"Stopped while {what}. The next run continues from here.")
+    if not in_time or killed_for_time(process.returncode):
+        raise ChildFailure(f"{_sentence(what)} took more than {max_seconds:.3g} s.", "time")
+    return _outcome(process.returncode, answer.text(), complaints.text(), max_memory, what)
+
+
+@contextlib.contextmanager
+def child_beside(function: str, arguments: dict[str, Any], *, what: str) -> Iterator[ChildBeside]:
+    """Call a function of the engine in a child process while the block runs; at its end the child is dead.
+
+    The function works on the engine's own data: its time and memory are not bounded. Otherwise see `run_in_child`.
+
+    Parameters
+    ----------
+    function, arguments, what
+        See `run_in_child`.
+    """
+    with _started() as (process, answer, complaints):
+        _send(process, _request(function, arguments, None, None))
+        yield ChildBeside(process, answer, complaints, what)
+
+
+class ChildBeside:
+    """Work in a child process that goes on beside this one, from `child_beside`."""
+
+    def __init__(self, process: subprocess.Popen[bytes], answer: _Collector, complaints: _Collector, what: str) -> None:
+        self._process, self._answer, self._complaints, self._what = process, answer, complaints, what
+
+    def end(self) -> Any | None:
+        """End the child and return its function's result, None when it had not finished.
+
+        From here on `os.times` counts the child's CPU time.
+
+        Raises
+        ------
+        HeritageError, ChildFailure, ModuleNotFoundError
+            As `run_in_child`.
+        """
+        finished = self._process.poll() is not None
+        kill_group(self._process)
+        self._process.wait()
+        if not finished:
+            return None
+        for stream in (self._answer, self._complaints):
+            stream.end()
+        return _outcome(self._process.returncode, self._answer.text(), self._complaints.text(), None, self._what)
+
+
+def _request(function: str, arguments: dict[str, Any], max_memory: int | None, max_seconds: float | None) -> bytes:
+    request = {"function": function, "arguments": arguments, "max_memory": max_memory, "max_seconds": max_seconds}
+    return json.dumps(request).encode("ascii") + b"\n"
+
+
+class _Collector:
+    """Reads a pipe of the child to its end in a thread and keeps the first `limit` bytes."""
+
+    def __init__(self, stream: IO[bytes], limit: int) -> None:
+        self.started = threading.Event()
+        self._stream, self._limit, self._data = stream, limit, bytearray()
+        self._thread = threading.Thread(target=self._collect, daemon=True)
+        self._thread.start()
+
+    def _collect(self) -> None:
+        while chunk := os.read(self._stream.fileno(), 1 << 16):
+            self._data += chunk[: self._limit + 1 - len(self._data)]
+            self.started.set()
+
+    def end(self) -> None:
+        """Wait for the end of the pipe, then close it."""
+        self._thread.join()
+        self._stream.close()
+
+    def text(self) -> str:
+        return self._data.decode("utf-8", errors="replace").strip()
+
+
+@contextlib.contextmanager
+def _started(python: Path | None = None) -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector]]:
+    """Start a child and yield it with its answer and its standard error; at the end it is dead, whatever happened."""
+    if python is None:
+        program, module, environment = sys.executable, _MODULE, dict(os.environ)
+        paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    else:
+        # There, the engine is a package of its own, whatever it is part of here. Python's own variables are for this.
+        program, module, paths = str(python), _OWN_MODULE, [str(_OWN_ROOT)]
+        environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
+    process = subprocess.Popen(
+        # -P: a file in the current folder must not pass for a module of ours.
+        [program, "-P", "-m", module],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        bufsize=0,
+        env={**environment, "PYTHONPATH": os.pathsep.join(paths)},
+        **own_group(),
+    )
+    assert process.stdin and process.stdout and process.stderr
+    answer = _Collector(process.stdout, _MAX_ANSWER_BYTES)
+    complaints = _Collector(process.stderr, _MAX_ERRORS_BYTES)
+    try:
+        yield process, answer, complaints
+    finally:
+        kill_group(process)
+        process.wait()
+        process.stdin.close()
+        answer.end()
+        complaints.end()
+
+
+def _send(process: subprocess.Popen[bytes], request: bytes) -> None:
+    """Write the request. The pipe stays open: the child ends when it closes."""
+    assert process.stdin
+    # A child that died already is reported by its exit code.
+    with contextlib.suppress(BrokenPipeError):
+        view = memoryview(request)
+        while view:
+            view = view[process.stdin.write(view) :]
+
+
+def _wait(
+    process: subprocess.Popen[bytes], answer: _Collector, max_seconds: float, what: str, should_stop: StopCheck
+) -> bool:
+    """Return whether the child ended in time."""
+    deadline, working = time.monotonic() + _MAX_START_SECONDS, False
+    while True:
+        try:
+            process.wait(_POLL_SECONDS)
+            return True
+        except subprocess.TimeoutExpired:
+            pass
+        if should_stop():
+            raise Cancelled(f"Stopped while {what}. The next run continues from here.")
+        if not working and answer.started.is_set():
+            deadline, working = time.monotonic() + max_seconds, True
+        if time.monotonic() > deadline:
+            return False
+
+
+def _outcome(code: int, answer: str, complaints: str, max_memory: int | None, what: str) -> Any:
+    """Return the result in `answer` of a child that ended with `code`, or raise what ended it."""
+    if code != 0:
+        _LOG.error("The child process failed with code %d while %s: %s", code, what, complaints)
+        _raise_death(code, complaints, max_memory, what)
+    return _result(answer, max_memory, what)
+
+
+def _raise_death(code: int, text: str, max_memory: int | None, what: str) -> None:
+    # Libraries abort when memory is full.
+    if killed_for_memory(code) or "bad_alloc" in text or is_out_of_memory(RuntimeError(text)):
+        raise _memory_failure(max_memory, what)
+    raise ChildFailure(f"{_sentence(what)} crashed ({exit_cause(code)}).", "crash")
+
+
+def _result(text: str, max_memory: int | None, what: str) -> Any:
+    advice = "Report this error."
+    answer = parse_json(text, {"outcome": str, "value": object}, source=f"The answer while {what}", advice=advice)
+    outcome, value = answer["outcome"], answer["value"]
+    if outcome == "result":
+        return value
+    if outcome == "memory":
+        raise _memory_failure(max_memory, what)
+    if outcome == "missing":
+        raise ModuleNotFoundError(f"No module named {value!r}", name=value)
+    if outcome in errors.__all__ and isinstance(error := getattr(errors, outcome), type):
+        raise error(value)
+    raise ChildFailure(f"{_sentence(what)} failed ({value}).", "crash")
+
+
+def _memory_failure(max_memory: int | None, what: str) -> ChildFailure:
+    need = "more memory than is free" if max_memory is None else f"more than {max_memory / 1e6:.0f} MB of memory"
+    return ChildFailure(f"{_sentence(what)} needs {need}.", "memory")
+
+
+def _sentence(what: str) -> str:
+    return what[:1].upper() + what[1:]
+
+
+def _serve() -> None:
+    """Answer one request; the main function of the child."""
+    # Libraries print to standard output, and must not write into the answer or read the request.
+    requests, answers = os.dup(0), os.dup(1)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.dup2(2, 1)
+    # The parent decides when this process ends, also when a service manager sends SIGTERM to both.
+    ignore_signals_of_the_terminal()
+    no_core_dumps()
+    end_children_with_this_process()
+    stream = os.fdopen(requests, "rb")
+    line = stream.readline()
+    if not line:
+        return
+    end_with_parent(stream)
+    wall_seconds_limited(_MAX_START_SECONDS)
+    # Not `parse_json`: file names may have characters that are not valid, which it refuses.
+    request = json.loads(line)
+    data = json.dumps(_answer(request, answers)).encode("ascii")
+    while data:
+        data = data[os.write(answers, data) :]
+    # Not `sys.exit`: threads of libraries and handlers at exit may hang.
+    os._exit(0)
+
+
+def _answer(request: dict[str, Any], answers: int) -> dict[str, Any]:
+    module, _, name = request["function"].partition(":")
+    try:
+        function = getattr(importlib.import_module(f"{_ENGINE}.{module}"), name)
+        os.write(answers, _READY)
+        # A little later than the parent, which says it better. Zero: without a bound.
+        wall_seconds_limited(0.0 if request["max_seconds"] is None else request["max_seconds"] + 1.0)
+        with memory_limited(request["max_memory"]):
+            result = function(**request["arguments"])
+            json.dumps(result, allow_nan=False)
+    except HeritageError as error:
+        known = next(one.__name__ for one in type(error).__mro__ if one.__name__ in errors.__all__)
+        return {"outcome": known, "value": _valid(str(error))}
+    except ModuleNotFoundError as error:
+        return {"outcome": "missing", "value": error.name}
+    except Exception as error:  # noqa: BLE001 the parent reports it
+        if is_out_of_memory(error):
+            return {"outcome": "memory", "value": None}
+        return {"outcome": "error", "value": _valid(f"{type(error).__name__}: {error}"[:500])}
+    return {"outcome": "result", "value": result}
+
+
+def _valid(text: str) -> str:
+    """Return `text` with escapes for characters that are not valid; file names may have some."""
+    return text.encode("utf-8", errors="backslashreplace").decode("utf-8")
+
+
+if __name__ == "__main__":
+    _serve()

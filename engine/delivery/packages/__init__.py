@@ -1,0 +1,36 @@
+"""What leaves a project to be kept or shown: packages with their records, a page, pictures that turn."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...core.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .exporting import FORMATS, SUFFIXES, Export, divided, load_export, turn_of, write_export
+    from .package import package_name, write_package
+    from .page import is_viewer_built
+    from .turntable import FILMS, SHEET, Turn, write_films, write_sheet
+    from .verification import Verification, verify_package
+
+__all__ = [
+    "FILMS",
+    "FORMATS",
+    "SHEET",
+    "SUFFIXES",
+    "Export",
+    "Turn",
+    "Verification",
+    "divided",
+    "is_viewer_built",
+    "load_export",
+    "package_name",
+    "turn_of",
+    "verify_package",
+    "write_export",
+    "write_films",
+    "write_package",
+    "write_sheet",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

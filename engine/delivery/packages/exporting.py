@@ -1,0 +1,322 @@
+"""The Gaussians of a scene or an object as they are exported, with their record, in each format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cameras import training_pinhole
+from ...core.errors import SettingsError
+from ...core.events import StopCheck
+from ...formats import Up, write_glb, write_ply, write_sog, write_spz, write_usd
+from ...objects import list_objects, load_membership, load_object, object_gaussians
+from ...pictures import Backend, Scene, encode_picture
+from ...project.folder import ProjectFolder
+from ...scene import (
+    Camera,
+    CameraSet,
+    ExportFrame,
+    Gaussians,
+    Measurement,
+    PinholeCamera,
+    box_of,
+    export_frame,
+    far_gaussians,
+    focal_and_center,
+    foot_of,
+    load_measurement,
+    read_camera_set,
+)
+from ...training import Coverage, Parameters, load_gaussians
+from ..records import describe_object, describe_scene, gltf_extras, ply_comments, xmp_packet
+from ..report import best_seen_from, orbit_cameras
+from .page import Framing, Part, framing_of_object, framing_of_scene, write_page
+from .turntable import Turn, turn_of_object, turn_of_scene
+
+__all__ = ["FORMATS", "SUFFIXES", "Export", "divided", "load_export", "turn_of", "write_export"]
+
+FORMATS = ("ply", "glb", "spz", "html")
+"""Formats that a package holds."""
+SUFFIXES = {
+    "ply": (".ply",),
+    "glb": (".glb",),
+    "spz": (".spz",),
+    "sog": (".sog",),
+    "usd": (".usd", ".usdc", ".usda"),
+    "html": (".html",),
+}
+"""All formats, with the extensions of their files."""
+_UP: dict[str, Up | None] = {"original": None, "world": "z"}
+"""The axis of a PLY or SOG that points up, where it is not that of the viewers; given poses do not say what is up."""
+_COVERAGE_SIDE = 160  # by definition
+"""Longest side of the pictures in which is counted which photos saw a Gaussian."""
+_N_VIEWS = 8  # by definition
+_VIEW_SIDE = 512  # by definition
+
+
+@dataclass(frozen=True)
+class Export:
+    """What is exported.
+
+    Attributes
+    ----------
+    gaussians : Gaussians
+        In the upright frame.
+    described : dict
+        The record.
+    camera_set : CameraSet
+    members : bool array of shape [N] or None
+        The object's Gaussians in the scene; None for the scene.
+    whole : Gaussians
+        The scene.
+    measurement : Measurement
+        Of the project.
+    notes : dict
+        What was left out of the Gaussians, for the file.
+    parts : callable
+        Reads the objects of a scene, with the members among all its Gaussians; only a page needs them.
+    """
+
+    gaussians: Gaussians
+    described: dict[str, Any]
+    camera_set: CameraSet
+    members: NDArray[np.bool_] | None
+    whole: Gaussians
+    measurement: Measurement
+    notes: dict[str, Any] = field(default_factory=dict)
+    parts: Callable[[], tuple[Part, ...]] = tuple
+
+
+def load_export(project: ProjectFolder, name: str | None, *, title: str | None = None) -> Export:
+    """Return the scene (None) or the object called `name`, by name or id.
+
+    `title` is that of the scene; by default its photos' folder names it.
+
+    Raises
+    ------
+    HeritageError
+        When there is no such object, or a part of the project is missing or damaged.
+    """
+    project.require_intact("cameras", "training")
+    whole = load_gaussians(project.path / "gaussians")
+    camera_set = read_camera_set(project.path / "cameras")
+    measurement = load_measurement(project.path)
+    if name is None:
+        described = describe_scene(project, title=title)
+        return Export(
+            whole, described, camera_set, None, whole, measurement, parts=partial(_objects, project, len(whole))
+        )
+    record = load_object(project.path, name)
+    gaussians = object_gaussians(project.path, record, whole)
+    members = load_membership(project.path, record.id) >= record.threshold
+    described = describe_object(project, record.id, title=title) | _size(gaussians, measurement)
+    return Export(gaussians, described, camera_set, members, whole, measurement)
+
+
+def _objects(project: ProjectFolder, count: int) -> tuple[Part, ...]:
+    """Return the objects of a scene of `count` Gaussians; those of an earlier training are none of its parts."""
+    records = sorted(list_objects(project.path), key=lambda one: (one.name.casefold(), one.id))
+    current = [one for one in records if one.n_scene_gaussians == count]
+    return tuple(Part(one.id, one.name, load_membership(project.path, one.id) >= one.threshold) for one in current)
+
+
+def divided(export: Export) -> tuple[Export, Export | None]:
+    """Return a scene without its far Gaussians (`engine.scene.far_gaussians`), and those alone; None without any.
+
+    An object stays as it is: nothing of it is far.
+    """
+    if export.members is not None:
+        return export, None
+    far = far_gaussians(export.gaussians, export.camera_set)
+    if not far.any() or far.all():
+        return export, None
+    n_far = int(far.sum())
+    near = replace(export, gaussians=export.gaussians[~far], notes={**export.notes, "far_left_out": n_far})
+    return near, replace(export, gaussians=export.gaussians[far], notes={**export.notes, "far_only": n_far})
+
+
+def write_export(
+    path: Path,
+    export: Export,
+    file_format: str,
+    *,
+    frame: str | None,
+    with_record: bool = True,
+    in_scene: bool = False,
+    backend: Backend = "cpu",
+) -> ExportFrame:
+    """Write a file of one of `SUFFIXES` atomically, and return its frame.
+
+    Parameters
+    ----------
+    path : Path
+    export : Export
+    file_format : str
+    frame : {"upright", "original", "world"}, optional
+        Frame of the coordinates, see `engine.scene.export_frame`; ``world``: the normalised world, Z up in PLY.
+    with_record : bool
+        Whether the file carries the record, and how many photos saw each Gaussian: comments of PLY, ``asset.extras``
+        and XMP of glTF, ``customLayerData`` of USD; ``extras`` of SOG, which has no place for the photos. A page always
+        does; SPZ cannot.
+    in_scene : bool
+        Whether an object stays where it stands in the scene. Otherwise the middle of its foot is the origin, but not in
+        the frames ``original`` and ``world``.
+    backend : {"cpu", "gpu", "reference"}
+        Rasterizer with which the sides are found from which a page shows an object, and what photos saw.
+
+    Raises
+    ------
+    SettingsError
+        For a page without its record or in another frame.
+    HeritageError
+        When the file cannot be written.
+    """
+    described, gaussians = export.described, export.gaussians
+    placed = _placed(export, frame)
+    if file_format == "html":
+        if frame not in (None, "upright"):
+            raise SettingsError("A page shows what is upright. Leave out --frame.")
+        if not with_record:
+            raise SettingsError("A page shows the record. Leave out --record none.")
+        write_page(path, gaussians, described, _framing(export, backend), _parts(export))
+        return placed
+    is_moved = placed.name not in ("original", "world")
+    matrix, notes = placed.from_world, dict(export.notes)
+    if export.members is not None and len(gaussians) and is_moved and not in_scene:
+        foot = foot_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+        matrix = _moved(-foot) @ matrix
+        notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in foot)
+    if file_format == "spz":
+        write_spz(path, gaussians, matrix=matrix)
+        return placed
+    can_hold_seen = file_format != "sog"
+    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) and can_hold_seen else None
+    if seen is not None:
+        notes["seen_by_no_photo"] = int((seen == 0).sum())
+    extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
+    if file_format == "sog":
+        up = _UP.get(placed.name, "-y")
+        write_sog(path, gaussians, encode_picture, up=up, matrix=matrix, extras=extras if with_record else None)
+    elif file_format == "ply":
+        write_ply(
+            path,
+            gaussians,
+            comments=ply_comments(extras) if with_record else (),
+            up=_UP.get(placed.name, "-y"),
+            matrix=matrix,
+            extra=None if seen is None else {"photos_seen": seen},
+        )
+    elif file_format == "usd":
+        write_usd(
+            path,
+            gaussians,
+            name=described["title"] if with_record else "Gaussians",
+            metres_per_unit=placed.metres_per_unit,
+            custom_data=extras if with_record else None,
+            matrix=matrix,
+            seen=seen,
+        )
+    else:
+        write_glb(
+            path,
+            gaussians,
+            name=described["title"] if with_record else "Gaussians",
+            copyright=(described.get("object") or {}).get("rights") if with_record else None,
+            extras=extras if with_record else None,
+            xmp=xmp_packet(described) if with_record else None,
+            matrix=matrix,
+            seen=seen,
+        )
+    return placed
+
+
+def _placed(export: Export, frame: str | None) -> ExportFrame:
+    if frame == "world":
+        return ExportFrame("world", np.eye(4), export.measurement.metres_per_unit)
+    return export_frame(export.camera_set, export.measurement, frame)
+
+
+def _unit_facts(placed: ExportFrame, described: dict[str, Any]) -> dict[str, Any]:
+    """Return the frame and the unit of a file; an unknown unit is said in a sentence."""
+    facts = {key: value for key, value in placed.as_dict().items() if value is not None}
+    return facts if placed.metres_per_unit is not None else {**facts, "unit": f"unknown. {described['unit']['text']}"}
+
+
+def _moved(by: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, 3] = by
+    return matrix
+
+
+def _photos_that_saw(export: Export, backend: Backend) -> NDArray[np.int32]:
+    """Return how many photos saw each exported Gaussian: its centre is in the picture, and nothing is before it."""
+    whole = export.whole
+    values = Parameters.from_gaussians(whole, sh_degree=whole.sh_degree, features=False).values
+    cameras = [training_pinhole(camera, max_side=_COVERAGE_SIDE) for camera in export.camera_set.cameras]
+    return Coverage(values, cameras, backend=backend).of_places(export.gaussians.means)
+
+
+def _parts(export: Export) -> list[Part]:
+    """Return the objects of an exported scene; what is left out of it lies before what is kept."""
+    first = len(export.whole) - len(export.gaussians)
+    return [Part(one.id, one.name, one.members[first:]) for one in export.parts()]
+
+
+def _framing(export: Export, backend: Backend) -> Framing:
+    cameras = export.camera_set.cameras
+    vertical = export_frame(export.camera_set, export.measurement, "upright").from_world[2, :3]
+    up = (vertical / np.linalg.norm(vertical)).tolist()
+    if export.members is None:
+        return framing_of_scene([_pinhole(camera) for camera in cameras], up)
+    if len(export.gaussians) == 0:
+        return Framing([0.0, 0.0, 0.0], 1.0, (), up)
+    (seen_from,) = best_seen_from(Scene(export.whole, backend=backend), [export.members], cameras)
+    return framing_of_object(export.gaussians, _sides(export.gaussians, seen_from), up)
+
+
+def _size(gaussians: Gaussians, measurement: Measurement) -> dict[str, Any]:
+    """Return the size of an object in metres, as a part of its record; empty where the unit is not known."""
+    if measurement.metres_per_unit is None or len(gaussians) == 0:
+        return {}
+    matrix = measurement.measured_from_world
+    low, high = box_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+    width, depth, height = (float(value) for value in high - low)
+    size = {"width_metres": width, "depth_metres": depth, "height_metres": height}
+    text = f"{100 * width:.1f} x {100 * depth:.1f} x {100 * height:.1f} cm (width, depth, height of its Gaussians)"
+    return {"size": {**size, "text": text}}
+
+
+def _sides(gaussians: Gaussians, seen_from: Sequence[Camera]) -> list[PinholeCamera]:
+    return orbit_cameras(gaussians.means, seen_from, count=_N_VIEWS, side=_VIEW_SIDE)
+
+
+def _pinhole(camera: Camera) -> PinholeCamera:
+    """Return the camera without its lens distortion, which no viewer draws."""
+    fx, fy, cx, cy = focal_and_center(camera)
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    return PinholeCamera(np.asarray(camera.viewmat), K, camera.width, camera.height)
+
+
+def turn_of(export: Export, backend: Backend, should_stop: StopCheck) -> Turn:
+    """Return pictures of what is exported from all sides: around an object, or from the photos' places in a scene.
+
+    Parameters
+    ----------
+    export : Export
+        With at least one Gaussian.
+    backend : {"cpu", "gpu", "reference"}
+    should_stop : callable
+        See `engine.core.events`.
+    """
+    cameras = export.camera_set.cameras
+    if export.members is None:
+        return turn_of_scene(export.gaussians, cameras, backend=backend, should_stop=should_stop)
+    return turn_of_object(
+        export.whole, export.members, export.gaussians, cameras, backend=backend, should_stop=should_stop
+    )

@@ -1,0 +1,32 @@
+"""The records that leave with an object.
+
+From an object's own record, the museum record that a curator enters, and what the stages recorded, `describe_scene` and `describe_object` gather the paradata, of which every other form is made:
+Dublin Core, LIDO, JSON-LD (CRMdig), a IIIF manifest, comments of PLY and metadata of glTF.
+
+Standard library and NumPy only: Blender exports files too.
+"""
+
+from .crm import crm_json_ld
+from .dublin import dublin_core, dublin_core_xml
+from .embedded import gltf_extras, ply_comments, xmp_packet
+from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
+from .lido import lido_xml
+from .paradata import describe_object, describe_scene, scene_title
+from .unit import describe_unit
+
+__all__ = [
+    "EXAMPLE_ADDRESS",
+    "Picture",
+    "crm_json_ld",
+    "describe_object",
+    "describe_scene",
+    "describe_unit",
+    "dublin_core",
+    "dublin_core_xml",
+    "gltf_extras",
+    "iiif_manifest",
+    "lido_xml",
+    "ply_comments",
+    "scene_title",
+    "xmp_packet",
+]

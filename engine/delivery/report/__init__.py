@@ -1,0 +1,31 @@
+"""The HTML report of a finished project."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...core.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .build import build_report
+    from .markup import Html, fill, joined
+    from .plots import compare_curves
+    from .sheet import picture_sheet, render_alone
+    from .style import STYLE
+    from .views import PAPER_WHITE, best_seen_from, orbit_cameras
+
+__all__ = [
+    "PAPER_WHITE",
+    "STYLE",
+    "Html",
+    "best_seen_from",
+    "build_report",
+    "compare_curves",
+    "fill",
+    "joined",
+    "orbit_cameras",
+    "picture_sheet",
+    "render_alone",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

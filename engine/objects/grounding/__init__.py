@@ -1,0 +1,15 @@
+"""Text grounding: find the boxes or segments of a photo that a text describes, with scores."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...core.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .default import load_default_detector
+    from .detector import Detector
+
+__all__ = ["Detector", "load_default_detector"]
+
+__getattr__ = lazy_exports(__name__, __file__)

@@ -1,0 +1,361 @@
+"""Grounding DINO in onnxruntime: boxes with scores for any words, or the segment that fits each box best."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.errors import ModelFileError
+from ...install.models import locate, open_session
+from ...masks import box_ious, mask_box
+from .detector import Detection, PromptCheck
+from .dino_inputs import Tokens, load_tokenizer, normalise_picture, resized_size, to_caption
+from .settings import GroundingSettings
+
+__all__ = ["Boxes", "GroundingDino", "best_segments", "decode_outputs"]
+
+Pixels = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
+
+_INPUTS = ("pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask")
+_OUTPUTS = ["logits", "pred_boxes"]
+_CROP_MARGIN = 0.2  # chosen on museum_room
+"""Margin of a crop on each side, as a fraction of the box. Chosen without a measurement, see
+docs/design_notes/grounding.md."""
+_MIN_CROP_IOU = 0.5  # chosen on museum_room
+"""Smallest IoU with the cropped box at which a predicted box counts as the cropped object."""
+_MAX_CACHED_PREDICTIONS = 256  # by definition
+"""Predictions (one per photo and prompt) kept in memory: 18 KB each for 900 boxes, and their labels."""
+
+
+class Session(Protocol):
+    """The methods of an onnxruntime session that are used here."""
+
+    def get_inputs(self) -> Sequence[Any]: ...
+
+    def get_outputs(self) -> Sequence[Any]: ...
+
+    def run(self, names: Sequence[str] | None, inputs: dict[str, Any]) -> Sequence[Any]: ...
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """All boxes predicted by the model, one row per query.
+
+    Attributes
+    ----------
+    corners : array of shape [n, 4], float32
+        x0, y0, x1, y1 in photo pixels; may extend slightly beyond the photo.
+    scores : array of shape [n], float32
+        Score of the best token.
+    labels : tuple of str
+        Words of the prompt whose tokens have scores above the text threshold.
+    """
+
+    corners: Float32
+    scores: Float32
+    labels: tuple[str, ...]
+
+
+class GroundingDino:
+    """A Grounding DINO export with the inputs and outputs of ``transformers``.
+
+    Parameters
+    ----------
+    name : str
+        ``"grounding-dino-tiny"`` or ``"grounding-dino-base"``, as in the catalogue.
+    cache : Path or None
+        See `models.models_folder`.
+    settings : GroundingSettings or None
+        None takes the defaults.
+    threads : int
+        Worker threads, 2 by default.
+
+    Raises
+    ------
+    ModelFileError
+        When a file is missing, damaged or not a Grounding DINO.
+
+    References
+    ----------
+    Liu et al., "Grounding DINO: Marrying DINO with Grounded Pre-Training for Open-Set Object Detection", 2023.
+    """
+
+    def __init__(
+        self,
+        name: str = "grounding-dino-tiny",
+        cache: Path | None = None,
+        *,
+        settings: GroundingSettings | None = None,
+        threads: int = 2,  # by definition
+    ) -> None:
+        model = locate(f"{name}-model", cache)
+        self._open(name, open_session(model, threads=threads), locate("grounding-dino-tokenizer", cache), settings)
+
+    @classmethod
+    def from_session(
+        cls, name: str, session: Session, tokenizer: Path, settings: GroundingSettings | None = None
+    ) -> GroundingDino:
+        """Return a detector for an open session and a tokenizer file."""
+        detector = cls.__new__(cls)
+        detector._open(name, session, tokenizer, settings)
+        return detector
+
+    def _open(self, name: str, session: Session, tokenizer: Path, settings: GroundingSettings | None) -> None:
+        self.name = name
+        self._settings = settings or GroundingSettings()
+        self._session = session
+        shapes = {node.name: list(node.shape) for node in session.get_inputs()}
+        outputs = {node.name for node in session.get_outputs()}
+        if not set(shapes) <= set(_INPUTS) or not {"pixel_values", "input_ids"} <= set(shapes):
+            raise ModelFileError(f"{name} has the inputs {', '.join(shapes)}: it is not a Grounding DINO export.")
+        if not set(_OUTPUTS) <= outputs:
+            raise ModelFileError(f"{name} has the outputs {', '.join(outputs)}: it is not a Grounding DINO export.")
+        self._inputs = list(shapes)
+        # A fixed dimension is a number, a free one is a name or None.
+        height, width = shapes["pixel_values"][2:4]
+        self._size = (height, width) if isinstance(height, int) and isinstance(width, int) else None
+        length = shapes["input_ids"][1]
+        self._length = length if isinstance(length, int) else None
+        self._tokenizer = load_tokenizer(tokenizer)
+        self._predictions: OrderedDict[str, Boxes] = OrderedDict()
+
+    def check_prompt(self, prompt: str) -> PromptCheck:
+        """Return that the detector can look for `prompt`: it accepts any words.
+
+        Raises
+        ------
+        PromptError
+            When `prompt` is empty.
+        """
+        to_caption(prompt)
+        return PromptCheck(True, [], f"{self.name} looks for any words; it was trained on English ones.")
+
+    def detect(self, pixels: Pixels, prompt: str, *, labels: NDArray[np.int32] | None = None) -> list[Detection]:
+        """Return the detections, best first; see `Detector.detect`.
+
+        Notes
+        -----
+        A box without a token above the text threshold is labelled with the prompt itself. With `labels`, each box is
+        replaced with the segment that fits it best (`best_segments`). Boxes that no segment fits are discarded, and of
+        several boxes with the same segment only the best is kept.
+        """
+        predicted = self.predict_boxes(pixels, prompt)
+        order = [
+            i
+            for i in np.argsort(-predicted.scores, kind="stable")
+            if predicted.scores[i] > self._settings.box_threshold
+        ]
+        kept = _suppress_overlapping(predicted.corners, order, self._settings.max_overlap)
+        boxes = _clip_to_photo(predicted.corners[kept], pixels.shape)
+        detections = [
+            Detection(_as_box(box), float(predicted.scores[i]), predicted.labels[i] or prompt.strip())
+            for i, box in zip(kept, boxes, strict=True)
+        ]
+        if labels is None:
+            return detections
+        if labels.shape != pixels.shape[:2]:
+            labels = cv2.resize(labels, pixels.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        by_segment: dict[int, Detection] = {}
+        for detection, (region, fit, box) in zip(detections, best_segments(boxes, labels), strict=True):
+            if region and fit >= self._settings.min_fit and region not in by_segment:
+                by_segment[region] = Detection(box, detection.score, detection.label, region)
+        return list(by_segment.values())
+
+    def score_crops(
+        self,
+        pixels: Pixels,
+        boxes: ArrayLike,
+        prompt: str,
+        *,
+        masks: Sequence[NDArray[np.bool_]] | None = None,
+    ) -> list[float]:
+        """Return how well each box, or the box around each mask, matches `prompt`, 0 to 1.
+
+        Parameters
+        ----------
+        pixels : array of shape [H, W, 3], uint8, sRGB
+        boxes : array-like of shape [n, 4]
+            x0, y0, x1, y1 in pixels.
+        prompt : str
+        masks : sequence of n bool arrays of shape [H, W], or None
+            Mask of the object in each box. Only its bounding box is used, since the model was trained on whole
+            pictures, not on masked objects.
+
+        Returns
+        -------
+        list of n float
+            The model is run on a crop around each box, enlarged by a fifth on each side. The score is the best score of
+            a predicted box that overlaps the given box with an IoU of at least 0.5, or 0 if there is none.
+
+        Raises
+        ------
+        PromptError
+            When the prompt is empty or too long.
+        """
+        corners = np.asarray(boxes, np.float64).reshape(-1, 4)
+        if masks is not None:
+            if len(masks) != len(corners):
+                raise ValueError(f"{len(corners)} boxes and {len(masks)} masks")
+            corners = np.array([_extent(mask, box) for mask, box in zip(masks, corners, strict=True)]).reshape(-1, 4)
+        return [self._score_crop(pixels, box, prompt) for box in corners]
+
+    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> None:
+        """Return None: this model needs the prompt to process a picture; see `Detector.describe_crops`."""
+        return None
+
+    def score_descriptions(self, described: NDArray[np.float32], prompt: str) -> list[float]:
+        """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_descriptions`."""
+        raise NotImplementedError(f"{self.name} returns no descriptions")
+
+    def whole_odds(self, described: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Raise an error: `describe_crops` returns no descriptions; see `Detector.whole_odds`."""
+        raise NotImplementedError(f"{self.name} returns no descriptions")
+
+    def name_descriptions(self, described: NDArray[np.float32]) -> list[tuple[str, float]]:
+        """Return an empty list: this model has no words of its own; see `Detector.name_descriptions`."""
+        return []
+
+    def _score_crop(self, pixels: Pixels, box: NDArray[np.float64], prompt: str) -> float:
+        margin = _CROP_MARGIN * (box[2:] - box[:2])
+        height, width = pixels.shape[:2]
+        x0, y0 = np.clip(np.floor(box[:2] - margin), 0, (width - 1, height - 1)).astype(int)
+        x1, y1 = np.clip(np.ceil(box[2:] + margin), (x0 + 1, y0 + 1), (width, height)).astype(int)
+        predicted = self.predict_boxes(np.ascontiguousarray(pixels[y0:y1, x0:x1]), prompt)
+        overlaps = box_ious(predicted.corners, (box - (x0, y0, x0, y0)).astype(np.float32))
+        return float(predicted.scores[overlaps >= _MIN_CROP_IOU].max(initial=0.0))
+
+    def predict_boxes(self, pixels: Pixels, prompt: str) -> Boxes:
+        """Return all boxes of the model, including those below the threshold; cached per photo and prompt."""
+        text = to_caption(prompt)
+        key = sha256(np.ascontiguousarray(pixels).data)
+        key.update(repr((pixels.shape, text)).encode())
+        if key.hexdigest() not in self._predictions:
+            self._predictions[key.hexdigest()] = self._run(pixels, self._tokenizer(text, self._length))
+            if len(self._predictions) > _MAX_CACHED_PREDICTIONS:
+                self._predictions.popitem(last=False)
+        return self._predictions[key.hexdigest()]
+
+    def _run(self, pixels: Pixels, tokens: Tokens) -> Boxes:
+        height, width = pixels.shape[:2]
+        size = self._size or resized_size(height, width)
+        inputs = {
+            "pixel_values": normalise_picture(pixels, size),
+            "pixel_mask": np.ones((1, *size), np.int64),
+            "input_ids": tokens.ids,
+            "token_type_ids": np.zeros_like(tokens.ids),
+            "attention_mask": tokens.attention,
+        }
+        logits, corners = self._session.run(_OUTPUTS, {name: inputs[name] for name in self._inputs})
+        return decode_outputs(
+            np.asarray(logits, np.float32)[0],
+            np.asarray(corners, np.float32)[0],
+            tokens,
+            height=height,
+            width=width,
+            text_threshold=self._settings.text_threshold,
+        )
+
+
+def decode_outputs(
+    logits: Float32, boxes: Float32, tokens: Tokens, *, height: int, width: int, text_threshold: float
+) -> Boxes:
+    """Return the boxes in pixels, scores and labels for the model's outputs.
+
+    Parameters
+    ----------
+    logits : array of shape [n, T], float32
+        Logits of each query and token; -inf for positions without a token.
+    boxes : array of shape [n, 4], float32
+        Centre x, y, width, height as fractions of the photo.
+    tokens : Tokens
+    height, width : int
+        Size of the photo.
+    text_threshold : float
+        See `GroundingSettings`.
+    """
+    count = min(logits.shape[1], len(tokens.words))
+    with np.errstate(over="ignore"):  # exp(inf) gives the score 0 for -inf
+        probabilities = 1 / (1 + np.exp(-logits))
+    half = boxes[:, 2:] / 2
+    corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
+    corners = corners * np.array([width, height, width, height], np.float32)
+    named = probabilities[:, :count] > text_threshold
+    labels = tuple(
+        _phrase([word for word, is_named in zip(tokens.words, row, strict=False) if is_named]) for row in named
+    )
+    return Boxes(corners.astype(np.float32), probabilities.max(axis=1), labels)
+
+
+def _phrase(pieces: list[str]) -> str:
+    """Return the text of BERT's word pieces; "##" marks a piece that continues a word."""
+    return " ".join(piece for piece in pieces if piece not in ("", ".")).replace(" ##", "").removeprefix("##")
+
+
+def best_segments(
+    boxes: Float32, labels: NDArray[np.int32]
+) -> list[tuple[int, float, tuple[float, float, float, float]]]:
+    """Return for each box the segment that fits it best: its id (0 for none), the fit 0 to 1, and the segment's box.
+
+    Parameters
+    ----------
+    boxes : array of shape [n, 4], float32
+        x0, y0, x1, y1 in pixels.
+    labels : array of shape [H, W], int32
+        Segment ids; 0 for unlabelled pixels.
+
+    Notes
+    -----
+    The fit is IoU(box, box around the segment) times the fraction of the segment inside the box. The second factor
+    prevents a wall behind the object, whose box may be similar, from having a higher fit than the object.
+    """
+    height, width = labels.shape
+    areas = np.bincount(labels.ravel())
+    segment_boxes: dict[int, Float32] = {}
+    results: list[tuple[int, float, tuple[float, float, float, float]]] = []
+    for box in boxes:
+        x0, y0 = int(np.clip(np.floor(box[0]), 0, width)), int(np.clip(np.floor(box[1]), 0, height))
+        x1, y1 = int(np.clip(np.ceil(box[2]), 0, width)), int(np.clip(np.ceil(box[3]), 0, height))
+        inside = np.bincount(labels[y0:y1, x0:x1].ravel(), minlength=len(areas))
+        best = (0, 0.0, _as_box(box))
+        for number in np.flatnonzero(inside[1:]) + 1:
+            if int(number) not in segment_boxes:
+                segment_boxes[int(number)] = np.array(_extent(labels == number, box), np.float32)
+            segment_box = segment_boxes[int(number)]
+            fit = float(box_ious(segment_box[None], box)[0]) * float(inside[number] / areas[number])
+            if fit > best[1]:
+                best = (int(number), fit, _as_box(segment_box))
+        results.append(best)
+    return results
+
+
+def _extent(mask: NDArray[np.bool_], default: ArrayLike) -> NDArray[np.float64]:
+    """Return the bounding box x0, y0, x1, y1 of a mask; `default` if it is empty."""
+    box = mask_box(mask)
+    return np.asarray(default if box is None else box, np.float64)
+
+
+def _suppress_overlapping(corners: Float32, order: Sequence[int], max_overlap: float) -> list[int]:
+    """Return the indices in `order` that non-maximum suppression keeps."""
+    kept: list[int] = []
+    for i in order:
+        if not kept or box_ious(corners[kept], corners[i]).max() <= max_overlap:
+            kept.append(int(i))
+    return kept
+
+
+def _clip_to_photo(corners: Float32, shape: tuple[int, ...]) -> Float32:
+    return np.clip(corners, 0, np.array([shape[1], shape[0], shape[1], shape[0]], np.float32))
+
+
+def _as_box(box: ArrayLike) -> tuple[float, float, float, float]:
+    x0, y0, x1, y1 = (float(value) for value in np.asarray(box).ravel())
+    return x0, y0, x1, y1

@@ -1,0 +1,154 @@
+"""Map a prompt to classes of the classifier: by equal, heritage or broader words, or by similarity of meaning."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import FormatError, PromptError
+from ...core.files import ArraySpec, atomic_write, read_array
+from ...core.words import normalised, word_list
+from ...project.folder import stage_key
+from .detector import PromptCheck
+from .sentences import SentenceEncoder
+
+__all__ = ["N_CLASSES", "Vocabulary", "read_class_words"]
+
+N_CLASSES = 1000  # by definition
+# Smallest similarity of a known prompt; calibrated, see docs/design_notes/grounding.md.
+_MIN_SIMILARITY = 0.61  # chosen on prompt_words
+# Classes whose similarity is this much lower than the best one also match: "clock" is a wall clock and a digital clock.
+_SIMILARITY_SPREAD = 0.08  # chosen on prompt_words
+# Smallest similarity of a word that is suggested for an unknown prompt; see docs/design_notes/grounding.md.
+_MIN_SUGGESTED = 0.55  # chosen on prompt_words
+_MAX_NAMED = 5  # by definition
+
+
+def read_class_words() -> list[tuple[str, ...]]:
+    """Return the words of each class, in the order of the classifier's outputs; the usual word of a class is first."""
+    return [entry.words for entry in word_list().classes]
+
+
+class Vocabulary:
+    """The words of the classes, and the similarity of prompts to them.
+
+    Parameters
+    ----------
+    encoder : SentenceEncoder
+    derived : Path or None
+        Folder in which the vectors of all class words are cached between runs; computing them takes 8 CPU seconds. None
+        disables the cache.
+    """
+
+    def __init__(self, encoder: SentenceEncoder, derived: Path | None = None) -> None:
+        self._encoder = encoder
+        self._derived = derived
+        self._list = word_list()
+
+    def name(self, index: int) -> str:
+        """Return the usual word of a class."""
+        return self._list.classes[index].words[0]
+
+    def class_weights(self, prompt: str) -> dict[int, float]:
+        """Return the classes that match `prompt` with their similarity, best first; empty if no class matches.
+
+        Raises
+        ------
+        PromptError
+            When `prompt` is empty.
+        """
+        certain = self._list.classes_of(_normalised(prompt))
+        if certain:
+            return dict.fromkeys(sorted(certain), 1.0)
+        similarity = self._similarities(prompt)
+        best = float(similarity.max())
+        # A misspelt word has no meaning of its own: "tepot" would be a hot pot.
+        if best < _MIN_SIMILARITY or self._misspelt(prompt):
+            return {}
+        matching = np.flatnonzero(similarity >= max(_MIN_SIMILARITY, best - _SIMILARITY_SPREAD))
+        return {int(i): float(similarity[i]) for i in matching[np.argsort(-similarity[matching], kind="stable")]}
+
+    def check(self, prompt: str) -> PromptCheck:
+        """Return whether `prompt` matches a class, with the matching classes or the nearest words.
+
+        The nearest words are those that are spelt nearly like the prompt, otherwise those that mean nearly the same;
+        there may be none.
+
+        Raises
+        ------
+        PromptError
+            When `prompt` is empty.
+        """
+        class_weights = self.class_weights(prompt)
+        if class_weights:
+            matches = [(self.name(index), round(similarity, 3)) for index, similarity in class_weights.items()]
+            words = ", ".join(word for word, _ in matches[:_MAX_NAMED])
+            return PromptCheck(True, matches, f"{prompt.strip()!r} is searched for as: {words}.")
+        matches = [(word, 1.0) for word in self._misspelt(prompt)]
+        if not matches:
+            similarities = self._similarities(prompt)
+            nearest = np.argsort(-similarities, kind="stable")[:_MAX_NAMED]
+            near = [(self.name(int(i)), round(float(similarities[i]), 3)) for i in nearest]
+            matches = [(word, similarity) for word, similarity in near if similarity >= _MIN_SUGGESTED]
+        unknown = f"{prompt.strip()!r} is outside the offline vocabulary, whose words are English"
+        if not matches:
+            return PromptCheck(False, [], f"{unknown}. Use another English word, or click on the object instead.")
+        words = ", ".join(word for word, _ in matches)
+        return PromptCheck(
+            False,
+            matches,
+            f"{unknown}; the nearest words are: {words}. Use one of them if it fits, or click on the object instead.",
+        )
+
+    def _misspelt(self, prompt: str) -> list[str]:
+        """Return words that are spelt nearly like the prompt; none if all its own words are English ones."""
+        return self._list.misspelt(_normalised(prompt), self._encoder.knows)
+
+    def _similarities(self, prompt: str) -> NDArray[np.float32]:
+        """Return the similarity to each class, shape [1000]: the mean over its best word and its definition.
+
+        See docs/design_notes/grounding.md for why the definition is included.
+        """
+        vector = self._encoder.encode([_normalised(prompt)])[0]
+        words, definitions, class_of_word = self._vectors
+        best = np.full(N_CLASSES, -1.0, np.float32)
+        np.maximum.at(best, class_of_word, words @ vector)
+        return np.asarray((best + definitions @ vector) / 2, np.float32)
+
+    @cached_property
+    def _vectors(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+        """Vectors of all words, vectors of the definitions, and the class of each word."""
+        words = [word for entry in self._list.classes for word in entry.words]
+        class_of_word = np.array([index for index, entry in enumerate(self._list.classes) for _ in entry.words])
+        definitions = [f"{', '.join(entry.words)}: {entry.definition}" for entry in self._list.classes]
+        vectors = self._encode_cached(words + definitions)
+        return vectors[: len(words)], vectors[len(words) :], class_of_word
+
+    def _encode_cached(self, texts: list[str]) -> NDArray[np.float32]:
+        file = None
+        if self._derived is not None:
+            file = self._derived / f"class-words-{stage_key(texts, self._encoder.fingerprint)[:16]}.npy"
+            spec = ArraySpec("float32", (len(texts), self._encoder.width), finite=True)
+            try:
+                return read_array(file, spec, advice="It is computed again.")
+            except FormatError:
+                pass  # missing or damaged: computed again below, and replaced
+        # Texts of similar length are encoded together, because padding would otherwise cost more than the words.
+        order = np.argsort([len(text) for text in texts], kind="stable")
+        vectors = np.empty((len(texts), self._encoder.width), np.float32)
+        vectors[order] = self._encoder.encode([texts[i] for i in order])
+        if file is not None:
+            with atomic_write(file) as stream:
+                np.save(stream, vectors)
+        return vectors
+
+
+def _normalised(prompt: str) -> str:
+    """Return the prompt in lower case, without articles and punctuation."""
+    text = normalised(prompt)
+    if not text:
+        raise PromptError("The prompt is empty. Type what to look for, for example: vase")
+    return text

@@ -1,0 +1,184 @@
+"""What a scene is trained on, and the sizes of its preset there.
+
+The sizes are recorded in the project when training begins and kept then, also on another computer: a scene that a card
+trained stays done where there is no card, and an interrupted training continues there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ...core.errors import EnvironmentProblem, SettingsError
+from ...core.files import check
+from ...project.folder import ProjectFolder
+from ...rasterizer import Device
+from ...scene import PhotoSet
+from ...training import settings_with_sizes, sizes_on_card
+from ...training.settings import PRESETS, TrainingSettings
+from .card_forecast import card_bytes, gaussians_that_fit
+from .decisions import PlanSettings, largest_photo, n_test_photos
+from .training_device import DeviceChoice, TrainingDevice
+
+__all__ = [
+    "choose_sizes",
+    "kept_sizes",
+    "planned_device",
+    "record_sizes",
+    "training_is_to_come",
+]
+
+_RECORD = "training_sizes"
+"""Name in ``project.json`` of the sizes of each preset that was trained."""
+_SIZES = dict.fromkeys(("steps", "rounds", "max_side", "max_gaussians"), int)
+_DEVICE = {
+    "backend": str,
+    "name": str,
+    "reason": str,
+    "memory": (int, None),
+    "shares_memory": bool,
+    "n_bytes": int,
+    "limited": bool,
+    "kept": bool,
+}
+_UNBOUNDED = 1 << 62  # by definition
+
+
+def choose_sizes(
+    settings: PlanSettings,
+    photo_set: PhotoSet,
+    device: Device | TrainingDevice,
+    kept: Mapping[str, int] | None,
+    *,
+    free: int | None,
+) -> DeviceChoice:
+    """Return the sizes of a preset on a device, or on the processor if the card does not hold the scene.
+
+    Parameters
+    ----------
+    settings : PlanSettings
+    photo_set : PhotoSet
+    device : Device or TrainingDevice
+        A `TrainingDevice` is that of an earlier plan, which stays as it is.
+    kept : mapping or None
+        Sizes that the project was begun with, see `kept_sizes`; None for a new one.
+    free : int or None
+        Bytes of the computer's free memory.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If ``gpu`` is wanted and the card does not hold the scene.
+    SettingsError
+        If sizes are wanted that the device or the preset cannot have, or that the project was not begun with.
+    """
+    wanted = settings.wanted_sizes
+    if isinstance(device, TrainingDevice):
+        _require_kept(wanted, kept or {})
+        return DeviceChoice(device, kept or {})
+    if device.card is None:
+        if wanted and kept is None:
+            reason = f": {device.reason}" if device.reason else ""
+            raise SettingsError(f"{_options(wanted)} needs training on a graphics card, and none is used{reason}.")
+        _require_kept(wanted, kept or {})
+        return DeviceChoice(TrainingDevice("cpu", "cpu", device.reason, kept=bool(kept)), kept or {})
+    card, preset = device.card, settings.preset
+    n_photos = len(photo_set.photos)
+    n_training = n_photos - n_test_photos(n_photos, preset)
+    largest = largest_photo(photo_set)
+    features = settings.wants_objects or not settings.leave_out
+
+    def on_card(sizes: Mapping[str, int]) -> tuple[TrainingSettings, dict[str, Any]]:
+        training = settings_with_sizes(preset, sizes, n_training)
+        scale = min(1.0, training.schedule.max_side / max(largest.width, largest.height))
+        width, height = round(largest.width * scale), round(largest.height * scale)
+        values = {"sh_degree": training.appearance.sh_degree, "width": width, "height": height}
+        return training, {**values, "features": features, "n_photos": n_photos}
+
+    unbounded = sizes_on_card(preset, _UNBOUNDED, wanted)
+    if wanted and not unbounded:
+        raise SettingsError(f"{_options(wanted)} cannot be used with the preset {preset}, whose sizes are fixed.")
+    _, scene = on_card(unbounded if kept is None else kept)
+    room = gaussians_that_fit(
+        own_memory=card.memory,
+        free=free if card.shares_memory else None,
+        max_buffer_bytes=card.max_buffer_bytes,
+        **scene,
+    )
+    chosen = sizes_on_card(preset, room, wanted)
+    sizes = chosen if kept is None else kept
+    if dict(sizes) != chosen:
+        _require_kept(wanted, sizes)
+    needed = PRESETS[preset].growth.max_gaussians if kept is None else on_card(kept)[0].growth.max_gaussians
+    if room < needed:
+        reason = (
+            f"{card.label} holds {room:,} Gaussians beside {n_photos} photos of {scene['width']} x {scene['height']} "
+            f"pixels and this scene needs {needed:,}"
+        )
+        if settings.device == "gpu":
+            raise EnvironmentProblem(f"{reason}; use a smaller preset or fewer photos, or train with --device cpu.")
+        return DeviceChoice(TrainingDevice("cpu", "cpu", reason, kept=bool(kept)), kept or {})
+    training, scene = on_card(sizes)
+    planned = TrainingDevice(
+        "gpu",
+        card.label,
+        memory=card.memory,
+        shares_memory=card.shares_memory,
+        n_bytes=card_bytes(training.growth.max_gaussians, **scene),
+        limited=kept is None and bool(chosen) and chosen["max_gaussians"] < unbounded["max_gaussians"],
+        kept=kept is not None and dict(kept) != chosen,
+    )
+    return DeviceChoice(planned, dict(sizes))
+
+
+def _require_kept(wanted: Mapping[str, int], kept: Mapping[str, int]) -> None:
+    """Raise an error if a project was begun with other sizes than are wanted."""
+    other = {name: value for name, value in wanted.items() if kept.get(name) != value}
+    if other:
+        raise SettingsError(
+            f"The training of this project was begun without {_options(other)} and keeps its sizes. Leave that out to "
+            "go on with them, or use a new folder."
+        )
+
+
+def _options(sizes: Mapping[str, int]) -> str:
+    return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in sizes.items())
+
+
+def training_is_to_come(project: ProjectFolder, preset: str, *, photos_changed: bool) -> bool:
+    """Return whether the project has no training of this preset and of these photos yet."""
+    record = project.stage_record("training")
+    return photos_changed or record is None or record["figures"].get("preset") != preset
+
+
+def kept_sizes(project: ProjectFolder, preset: str) -> dict[str, int] | None:
+    """Return the sizes that this preset was begun with in the project, None where it was not begun."""
+    stored = project.get(_RECORD)
+    if isinstance(stored, dict) and preset in stored:
+        sizes = stored[preset]
+        if sizes == {} or check(sizes, _SIZES) is None:
+            return {name: sizes[name] for name in _SIZES if name in sizes}
+    # Earlier releases recorded no sizes and trained on the processor.
+    begun, plan = project.get("begun"), project.get("work_plan")
+    is_begun = isinstance(begun, list) and begun[:1] == ["training"]
+    if is_begun and isinstance(plan, dict) and plan.get("preset") == preset:
+        return {}
+    record = project.stage_record("training")
+    return {} if record is not None and record["figures"].get("preset") == preset else None
+
+
+def record_sizes(project: ProjectFolder, preset: str, sizes: Mapping[str, int]) -> None:
+    """Record the sizes of a preset, when its training begins."""
+    stored = project.get(_RECORD)
+    recorded = {**(stored if isinstance(stored, dict) else {}), preset: dict(sizes)}
+    if recorded != stored:
+        project.put(_RECORD, recorded)
+
+
+def planned_device(project: ProjectFolder, preset: str) -> TrainingDevice:
+    """Return the device of the project's last plan, the processor where that is not known or was for another preset."""
+    plan = project.get("work_plan")
+    stored = plan.get("device") if isinstance(plan, dict) and plan.get("preset") == preset else None
+    if isinstance(stored, dict) and check(stored, _DEVICE) is None and stored["backend"] in ("cpu", "gpu"):
+        return TrainingDevice(**{name: stored[name] for name in _DEVICE})
+    return TrainingDevice()

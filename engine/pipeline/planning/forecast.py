@@ -1,0 +1,467 @@
+"""Forecast of the time and memory of the planned work, with error bars.
+
+A formula gives the CPU seconds of each stage from the plan (`cpu_seconds_of`). They are multiplied by this machine's
+slowdown from a short benchmark and by the corrections from earlier runs (`calibration`). Wall seconds are CPU seconds
+times Amdahl's s + (1 - s) / cores, where s is the serial share of the work. The constants were fitted on two cores of a
+shared server; docs/design_notes/planning.md lists the measurements.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ...cameras.settings import CameraSettings
+from ...core.system import Machine
+from ...training.settings import TrainingSettings
+from .calibration import Calibration, outcome_name
+from .card_forecast import card_slowdown, card_step_seconds
+from .decisions import WorkPlan
+
+__all__ = [
+    "Forecast",
+    "StageForecast",
+    "forecast_as_dict",
+    "cpu_seconds_of",
+    "forecast_work",
+    "memory_of",
+    "step_seconds",
+    "training_seconds",
+    "wall_share",
+]
+
+_SPREAD_80 = 1.2816  # by definition
+"""Standard deviations on either side of the mean that contain 80 % of a normal distribution."""
+
+_PHOTO_SECONDS = 0.006  # chosen on museum_room, sakharov_statue32
+"""Reading photos: CPU seconds per photo, for inspecting its reduced version."""
+_PHOTO_MEGAPIXEL_SECONDS = 0.045  # chosen on museum_room, sakharov_statue32
+"""Reading photos: CPU seconds per megapixel."""
+
+_FEATURE_MEGAPIXEL_SECONDS = 2.5  # chosen on museum_room, sakharov_statue32
+"""Cameras: CPU seconds of feature detection per megapixel of the working copy."""
+_COMPARED_PAIR_SECONDS = 0.005  # chosen on museum_room, sakharov_statue32
+"""Cameras: CPU seconds per pair in the quick comparison that selects promising pairs."""
+_MATCHED_PAIR_SECONDS = 0.065  # chosen on museum_room, sakharov_statue32
+"""Cameras: CPU seconds per matched pair."""
+_MAPPING_SECONDS = 0.03  # chosen on museum_room, sakharov_statue32
+"""Cameras: CPU seconds of mapping n photos, divided by n^1.5."""
+_SHARE_WITHOUT_TEXTURE = 0.5  # chosen on museum_room, sakharov_statue32, skull66, banana16
+"""Cameras: share of the time that photos without any texture take. The number of features grows with the texture."""
+_GIVEN_CAMERAS_SECONDS = 1.0  # chosen on museum_room, sakharov_statue32
+"""Cameras: CPU seconds of reading given cameras that have sparse points."""
+
+_MASK_SECONDS = 3.0  # chosen on museum_room, sakharov_statue32
+"""Masks: CPU seconds per photo."""
+_OBJECT_SECONDS = 18.0  # chosen on museum_room
+"""Objects: CPU seconds per prompt."""
+_VOCABULARY_SECONDS = 8.0  # chosen on museum_room
+"""Objects: CPU seconds of reading the vocabulary for the first time."""
+_REPORT_SECONDS = 4.0  # chosen on museum_room, sakharov_statue32
+"""Report: CPU seconds."""
+
+_STEP_SECONDS = 0.002  # chosen on museum_room, sakharov_statue32
+"""Training: CPU seconds per step."""
+_STEP_GAUSSIAN_SECONDS = 0.5e-6  # chosen on museum_room, sakharov_statue32
+"""Training: CPU seconds per step and Gaussian."""
+_STEP_NUMBER_SECONDS = 0.0217e-6  # chosen on museum_room, sakharov_statue32
+"""Training: CPU seconds per step and number that is stored for a Gaussian."""
+_STEP_PIXEL_SECONDS = 0.28e-6  # chosen on museum_room, sakharov_statue32
+"""Training: CPU seconds per step and pixel with `_REFERENCE_GAUSSIANS` Gaussians."""
+_REFERENCE_GAUSSIANS = 20_000  # by definition
+"""Training: number of Gaussians for which `_STEP_PIXEL_SECONDS` holds."""
+_FEATURE_STEP_SECONDS = 0.003  # chosen on museum_room, sakharov_statue32
+"""Training: additional CPU seconds per step with segmentation features."""
+_FEATURE_GAUSSIAN_SECONDS = 0.35e-6  # chosen on museum_room, sakharov_statue32
+"""Training: additional CPU seconds per step and Gaussian with segmentation features."""
+_FEATURE_PIXEL_SHARE = 0.05  # chosen on museum_room, sakharov_statue32
+"""Training: additional share of the pixels' time with segmentation features."""
+_GROWTH_FACTOR = 1.05  # chosen on museum_room, sakharov_statue32
+"""Training: factor on the time of a step while Gaussians are added."""
+_EVALUATION_SHARE = 0.4  # chosen on museum_room, sakharov_statue32
+"""Training: time of rendering a photo to measure the error, as a share of a step."""
+_LOAD_SECONDS = 0.05  # chosen on museum_room, sakharov_statue32
+"""Training: CPU seconds of loading a photo."""
+_LOAD_MEGAPIXEL_SECONDS = 0.15  # chosen on museum_room, sakharov_statue32
+"""Training: CPU seconds of loading a photo, per megapixel of the training picture."""
+POINTS_PER_PHOTO = 220  # chosen on museum_room, sakharov_statue32
+"""Training: expected number of sparse points per photo that training starts from."""
+
+_SERIAL_SHARE = {
+    "photos": 0.1, "cameras": 0.36, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
+}  # fmt: skip  # chosen on museum_room, sakharov_statue32
+"""Share of each stage's work that cannot be divided among cores."""
+_MAX_CORES = {"masks": 2}  # by definition
+"""Largest number of cores that a stage can use. SAM encodes a photo on one and decodes clicks on the other."""
+
+_BARE_PYTHON_BYTES = 65_000_000  # by definition
+"""Memory of Python without the engine's libraries."""
+_PYTHON_BYTES = 500_000_000  # by definition
+"""Memory of Python with torch, OpenCV and the compiled kernels."""
+_PHOTO_THREAD_BYTES = 25_000_000  # by definition
+"""Reading photos: bytes per thread."""
+_PHOTO_PIXEL_BYTES = 4.1  # by definition
+"""Reading photos: bytes per pixel of the largest photo and thread."""
+_MAX_PHOTO_PIXELS = 60_000_000  # by definition
+"""Reading photos: larger ones are decoded in a process of their own."""
+_MAX_PHOTO_SHARE = 0.75  # by definition
+"""Reading photos: largest share of the free memory. Threads wait for each other rather than use more."""
+_COLMAP_BYTES = 230_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
+"""Cameras: memory of pycolmap and its database."""
+_COLMAP_PIXEL_BYTES = 260  # by definition
+"""Cameras: bytes per pixel of a working copy and thread. SIFT works on a picture of twice the size."""
+_SAM_BYTES = 880_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
+"""Masks and objects: memory of SAM."""
+_KEPT_AFTER_SAM_BYTES = 420_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
+"""Memory that the process does not return to the system after SAM."""
+_TARGET_PIXEL_BYTES = 36  # by definition
+"""Training: bytes per pixel of a prepared target of the loss."""
+_MAX_TARGET_BYTES = 1 << 30  # by definition
+"""Training: prepared targets are kept for all photos if they take at most this many bytes, else for one photo."""
+_GAUSSIAN_NUMBER_BYTES = 24  # by definition
+"""Training: bytes per number of a Gaussian: value, gradient, two moments, and copies during growth."""
+_GAUSSIAN_FEATURE_BYTES = 256  # by definition
+"""Training: additional bytes per Gaussian for blending its segmentation features."""
+_DRIVER_BYTES = 300_000_000  # by definition
+"""Training on a graphics card: memory of its driver in this process."""
+_VIEW_GAUSSIAN_BYTES = 130  # by definition
+"""Objects: bytes per Gaussian and photo of the views that are kept."""
+_MAX_VIEW_BYTES = 500_000_000  # by definition
+"""Objects: largest memory of the views that are kept."""
+
+
+@dataclass(frozen=True)
+class StageForecast:
+    """Expected time and memory of a stage.
+
+    Attributes
+    ----------
+    stage : str
+    seconds, low, high : float
+        Wall seconds; 8 of 10 runs are expected between `low` and `high`.
+    cpu_seconds : float
+    model_cpu_seconds : float
+        Result of the formula before corrections from earlier runs. Outcomes are compared with it.
+    memory, memory_low, memory_high : int
+        Peak memory of the process in bytes; 8 of 10 runs are expected between the last two.
+    model_memory : int
+        Peak memory from the formula, before corrections.
+    """
+
+    stage: str
+    seconds: float
+    low: float
+    high: float
+    cpu_seconds: float
+    model_cpu_seconds: float
+    memory: int
+    memory_low: int
+    memory_high: int
+    model_memory: int
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Forecast of all stages of a plan.
+
+    Attributes
+    ----------
+    stages : tuple of StageForecast
+    free_memory : int or None
+        Bytes that were free when the forecast was made; None if the system does not state it.
+    cores : int
+    n_runs : int
+        Number of earlier runs on this machine that corrected the forecast.
+    device : str
+        What training is forecast for, see `TrainingDevice.name`.
+    masks_beside : bool
+        Whether masks can be made while the cameras are estimated: there is another core, and memory for both.
+    """
+
+    stages: tuple[StageForecast, ...]
+    free_memory: int | None
+    cores: int
+    n_runs: int
+    device: str = "cpu"
+    masks_beside: bool = False
+
+    @property
+    def seconds(self) -> tuple[float, float, float]:
+        """Wall seconds of all stages: low, expected, high. Errors of stages are independent, so their squares add."""
+        middle = sum(stage.seconds for stage in self.stages) - self.saved_seconds
+        low = math.sqrt(sum((stage.seconds - stage.low) ** 2 for stage in self.stages))
+        high = math.sqrt(sum((stage.high - stage.seconds) ** 2 for stage in self.stages))
+        return max(0.0, middle - low), middle, middle + high
+
+    @property
+    def saved_seconds(self) -> float:
+        """Wall seconds of the masks stage that pass while the cameras are estimated.
+
+        One core is busy during the serial share of the cameras' work; the others make masks.
+        """
+        stages = {stage.stage: stage for stage in self.stages}
+        if not self.masks_beside or not {"cameras", "masks"} <= stages.keys():
+            return 0.0
+        rate = wall_share("masks", self.cores) / wall_share("masks", self.cores - 1)
+        return min(stages["masks"].seconds, rate * _SERIAL_SHARE["cameras"] * stages["cameras"].cpu_seconds)
+
+    @property
+    def largest(self) -> StageForecast:
+        """The stage that needs the most memory."""
+        return max(self.stages, key=lambda stage: stage.memory)
+
+
+def step_seconds(n_gaussians: int, n_pixels: int, *, sh_degree: int, features: bool) -> float:
+    """Return the CPU seconds of one training step on the reference machine.
+
+    Notes
+    -----
+    2 ms + N (0.5 us + 0.0217 us per number of a Gaussian) + 0.28 us P sqrt(N / 20,000). The time of projection and
+    Adam is proportional to the number of Gaussians N. The time of blending is proportional to the pixels P and to the
+    Gaussians that cover each pixel, whose number grows more slowly than N. Features add 3 ms + 0.35 us N and 5 % of the
+    pixels' time.
+    """
+    numbers = 11 + 3 * (sh_degree + 1) ** 2
+    pixels = _STEP_PIXEL_SECONDS * n_pixels * math.sqrt(n_gaussians / _REFERENCE_GAUSSIANS)
+    seconds = _STEP_SECONDS + n_gaussians * (_STEP_GAUSSIAN_SECONDS + _STEP_NUMBER_SECONDS * numbers) + pixels
+    if features:
+        seconds += _FEATURE_STEP_SECONDS + _FEATURE_GAUSSIAN_SECONDS * n_gaussians + _FEATURE_PIXEL_SHARE * pixels
+    return seconds
+
+
+def training_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
+    """Return the seconds of training: those of a step summed over the schedule with growth and coarse levels.
+
+    CPU seconds of the reference machine with `step_seconds`, or those of the planned card with `card_step_seconds`.
+    """
+    from ...training import Schedule
+
+    cost, slowdown = step_seconds, 1.0
+    if work.device.backend == "gpu":
+        cost = card_step_seconds
+        slowdown = card_slowdown(work.device.memory, shares_memory=work.device.shares_memory)
+
+    n_trained = max(1, work.n_training)
+    schedule = Schedule(settings, n_trained, 1.0)
+    pixels = work.width * work.height
+    n = _gaussians_at_start(work, settings)
+    n_evaluated = min(8, work.n_held_out or n_trained)
+    seconds = work.n_photos * (_LOAD_SECONDS + _LOAD_MEGAPIXEL_SECONDS * pixels / 1e6)
+    for step in range(settings.schedule.steps):
+        degree = schedule.sh_degree(step)
+        # Bands of colour that are not used yet are neither evaluated nor optimised.
+        step_pixels = round(pixels * schedule.scale(step) ** 2)
+        step_cost = slowdown * cost(n, step_pixels, sh_degree=degree, features=work.features)
+        growing = (
+            settings.growth.grow_from * settings.schedule.steps
+            <= step
+            < settings.growth.grow_until * settings.schedule.steps
+        )
+        # A trial takes its steps twice, with and without the tried setting, in addition to the run's own steps.
+        times = 1 + 2 * schedule.trial_steps if step in schedule.trials else 1
+        seconds += times * step_cost * (_GROWTH_FACTOR if growing else 1.0)
+        if schedule.grows(step):
+            n = schedule.gaussians_after_growth(step, n)
+        n_measured = n_evaluated * (step + 1 in schedule.curve_steps)
+        n_measured += len(schedule.validation) * 2 * (step in schedule.trials)
+        if n_measured:
+            full = slowdown * cost(n, pixels, sh_degree=degree, features=False)
+            seconds += n_measured * _EVALUATION_SHARE * full
+    return seconds
+
+
+def _gaussians_at_start(work: WorkPlan, settings: TrainingSettings) -> int:
+    expected = POINTS_PER_PHOTO * work.n_photos + settings.growth.n_background // 4
+    return max(1, min(settings.growth.max_gaussians, expected))
+
+
+def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_prompts: int) -> float:
+    """Return the CPU seconds of a stage on the reference machine.
+
+    Notes
+    -----
+    - photos: 0.006 s per photo and 0.045 s per megapixel
+    - cameras: (2.5 s per megapixel of the working copies + 5 ms per compared pair + 65 ms per matched pair + 0.03 s
+      n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
+    - masks: 3 s per photo
+    - training: `training_seconds`
+    - objects: 8 s and 18 s per prompt
+    - report: 4 s
+    """
+    n, megapixels = work.n_photos, work.photo_width * work.photo_height / 1e6
+    if stage == "photos":
+        return n * (_PHOTO_SECONDS + _PHOTO_MEGAPIXEL_SECONDS * megapixels)
+    if stage == "cameras":
+        if work.pairs == "none":
+            return _GIVEN_CAMERAS_SECONDS
+        n_compared = n * (n - 1) / 2 if work.pairs == "promising" else 0.0
+        seconds = (
+            n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
+            + n_compared * _COMPARED_PAIR_SECONDS
+            + work.n_pairs * _MATCHED_PAIR_SECONDS
+            + (0.0 if work.poses_given else _MAPPING_SECONDS * n**1.5)
+        )
+        return seconds * (_SHARE_WITHOUT_TEXTURE + work.texture)
+    if stage == "masks":
+        return work.n_mask_photos * _MASK_SECONDS
+    if stage == "training":
+        return training_seconds(work, settings)
+    if stage == "objects":
+        return _VOCABULARY_SECONDS + n_prompts * _OBJECT_SECONDS if n_prompts else 0.0
+    return _REPORT_SECONDS
+
+
+def _copy_pixels(work: WorkPlan) -> float:
+    """Return the number of pixels of a working copy, on which features are detected."""
+    scale = min(1.0, CameraSettings().max_side / max(work.photo_width, work.photo_height))
+    return work.photo_width * work.photo_height * scale**2
+
+
+def memory_of(
+    stage: str,
+    work: WorkPlan,
+    settings: TrainingSettings,
+    *,
+    cores: int,
+    libraries: int = 0,
+    free: int | None = None,
+) -> int:  # by definition
+    """Return the expected peak memory of the process in a stage, in bytes.
+
+    Parameters
+    ----------
+    stage : str
+    work : WorkPlan
+    settings : TrainingSettings
+    cores : int
+    libraries : int
+        Bytes that the libraries take beyond the 500 MB of the reference machine.
+    free : int or None
+        Bytes that are free, None if unknown.
+
+    Notes
+    -----
+    - photos: 65 MB, and per thread 25 MB and 4.1 bytes per pixel, up to 60 million pixels; together at most 75 % of the
+      free memory
+    - all others: 500 MB for Python, torch and the compiled kernels, and in addition:
+    - cameras: 230 MB, and 260 bytes per pixel of a working copy and thread
+    - masks: 880 MB for SAM
+    - training: per photo and pixel, 3 bytes for the photo, 12 for labels and their index, 36 for the prepared target
+      (one photo only where all would take more than 1 GiB); per Gaussian, 24 bytes per number and 256 with features;
+      the rendered picture with its channels and gradients; 420 MB that remain of SAM. On a graphics card no targets and
+      no 256 bytes, but 300 MB for the driver, and `card_bytes` where it uses the computer's memory
+    - objects: the memory of training, which the process does not return to the system, SAM again, and 130 bytes per
+      Gaussian and photo for views, up to 500 MB
+    - report: the memory of training
+    """
+    pixels, python = work.width * work.height, _PYTHON_BYTES + libraries
+    full = work.photo_width * work.photo_height
+    if stage == "photos":
+        per_thread = _PHOTO_THREAD_BYTES + _PHOTO_PIXEL_BYTES * min(full, _MAX_PHOTO_PIXELS)
+        most = math.inf if free is None else _MAX_PHOTO_SHARE * free
+        return int(min(_BARE_PYTHON_BYTES + per_thread * min(8, cores), most))
+    if stage == "cameras":
+        if work.pairs == "none":
+            return python
+        return int(python + _COLMAP_BYTES + _COLMAP_PIXEL_BYTES * _copy_pixels(work) * min(4, cores))
+    if stage == "masks":
+        return python + _SAM_BYTES
+    on_card = work.device.backend == "gpu"
+    targets = _TARGET_PIXEL_BYTES * pixels * work.n_photos
+    kept_targets = targets if targets <= _MAX_TARGET_BYTES else _TARGET_PIXEL_BYTES * pixels
+    channels = 3 + 16 * work.features
+    numbers = 11 + 3 * (work.sh_degree + 1) ** 2 + 16 * work.features
+    blended = _GAUSSIAN_FEATURE_BYTES if work.features and not on_card else 0
+    gaussians = settings.growth.max_gaussians * (_GAUSSIAN_NUMBER_BYTES * numbers + blended)
+    photos = pixels * (3 * work.n_photos + 12 * work.n_mask_photos)
+    training = python + photos + gaussians + pixels * (60 + 16 * channels)
+    if on_card:
+        training += _DRIVER_BYTES + (work.device.n_bytes if work.device.shares_memory else 0)
+    else:
+        training += kept_targets
+    training += _KEPT_AFTER_SAM_BYTES if work.n_mask_photos else 0
+    views = min(_MAX_VIEW_BYTES, _VIEW_GAUSSIAN_BYTES * settings.growth.max_gaussians * work.n_photos)
+    return training + _SAM_BYTES + views if stage == "objects" else training
+
+
+def forecast_work(
+    work: WorkPlan,
+    settings: TrainingSettings,
+    machine: Machine,
+    calibration: Calibration,
+    *,
+    n_prompts: int = 0,
+) -> Forecast:  # by definition
+    """Return the expected time and memory of every stage of the plan on this machine.
+
+    Parameters
+    ----------
+    work : WorkPlan
+    settings : TrainingSettings
+        The result of `decisions.training_settings` for the plan.
+    machine : Machine
+    calibration : Calibration
+    n_prompts : int
+        Number of objects to be isolated.
+    """
+    stages = ["photos", "cameras"]
+    stages += ["masks"] if work.n_mask_photos else []
+    stages += ["training"] + (["objects"] if n_prompts else []) + ["report"]
+    expected = tuple(_forecast_stage(stage, work, settings, machine, calibration, n_prompts) for stage in stages)
+    needed = sum(stage.memory for stage in expected if stage.stage in ("cameras", "masks"))
+    fits = machine.free_bytes is None or needed <= machine.free_bytes
+    return Forecast(
+        expected,
+        machine.free_bytes,
+        machine.cores,
+        calibration.n_runs,
+        work.device.name,
+        masks_beside=fits and machine.cores > 1 and work.n_mask_photos > 0 and not work.poses_given,
+    )
+
+
+def _forecast_stage(
+    stage: str,
+    work: WorkPlan,
+    settings: TrainingSettings,
+    machine: Machine,
+    calibration: Calibration,
+    n_prompts: int,
+) -> StageForecast:
+    outcome = outcome_name(stage, work.device.name)
+    model_cpu = cpu_seconds_of(stage, work, settings, n_prompts=n_prompts) * calibration.slowdown(outcome)
+    model_memory = memory_of(
+        stage,
+        work,
+        settings,
+        cores=machine.cores,
+        libraries=calibration.extra_library_memory,
+        free=machine.free_bytes,
+    )
+    cpu, wall, memory = (calibration.correction(outcome, quantity) for quantity in ("cpu", "wall", "memory"))
+    cpu_seconds = model_cpu * math.exp(cpu.mean)
+    seconds = cpu_seconds * wall_share(outcome, machine.cores) * math.exp(wall.mean)
+    spread = math.exp(_SPREAD_80 * math.sqrt(cpu.variance + wall.variance))
+    peak = model_memory * math.exp(memory.mean)
+    memory_spread = math.exp(_SPREAD_80 * math.sqrt(memory.variance))
+    return StageForecast(
+        stage, seconds, seconds / spread, seconds * spread, cpu_seconds, model_cpu,
+        int(peak), int(peak / memory_spread), int(peak * memory_spread), model_memory,
+    )  # fmt: skip
+
+
+def wall_share(stage: str, cores: int) -> float:
+    """Return the wall seconds per CPU second of a stage on `cores` idle cores, after Amdahl's law.
+
+    A stage on a graphics card, named as by `outcome_name`, takes as long as its formula says on any number of cores.
+    """
+    if stage not in _SERIAL_SHARE:
+        return 1.0
+    cores = min(cores, _MAX_CORES.get(stage, cores))
+    return _SERIAL_SHARE[stage] + (1.0 - _SERIAL_SHARE[stage]) / cores
+
+
+def forecast_as_dict(forecast: Forecast) -> dict[str, Any]:
+    """Return the forecast as JSON values, with the wall seconds of all stages together."""
+    return {**asdict(forecast), "seconds": list(forecast.seconds)}

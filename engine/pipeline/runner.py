@@ -1,0 +1,128 @@
+"""Runs one stage of the pipeline, or reuses what an earlier run stored when that is intact."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ..core.errors import Cancelled, HeritageError
+from ..core.events import Emit, StageFinished, StageStarted, StopCheck, Warned
+from ..core.files import delete_derived
+from ..core.system import PeakMemory, cpu_seconds
+from ..project.folder import ProjectFolder
+from ..project.provenance import describe_run
+
+__all__ = ["Outputs", "StageRunner"]
+
+_BEGUN = "begun"
+"""Name in ``project.json`` of the stage that was begun last and its key: what it took is then not measured whole."""
+
+Outputs = Mapping[Path, Callable[[], object] | None]
+"""Files that a stage makes. Each has a function that reads it and raises a `HeritageError` when it is damaged: it
+checks files of release 0.1.0, whose hashes are not recorded. Without a function such a file is made again."""
+
+
+@dataclass(frozen=True)
+class StageRunner:
+    """Runs the stages of one project.
+
+    Attributes
+    ----------
+    project : ProjectFolder
+        Held for writing.
+    emit, should_stop
+        See `engine.core.events`.
+    computed : list of str
+        Stages that this run computed, in order; the others were reused.
+    """
+
+    project: ProjectFolder
+    emit: Emit
+    should_stop: StopCheck
+    computed: list[str] = field(default_factory=list)
+
+    def run(
+        self,
+        stage: str,
+        key: str,
+        compute: Callable[[], dict[str, Any]],
+        outputs: Outputs | None = None,
+        *,
+        settings: Mapping[str, Any],
+        former_keys: Iterable[str] = (),
+    ) -> None:
+        """Run `compute` unless `stage` is done with this `key` and its `outputs` are intact; store figures and cost.
+
+        A stage that is done with one of `former_keys`, which earlier releases gave the same request, stays done.
+
+        `settings` are the parameters of the stage, recorded with versions, commit and time.
+
+        Outputs that are damaged or missing are said, and deleted before `compute` makes them again.
+        """
+        if self.should_stop():
+            raise Cancelled(f"Stopped before the stage {stage!r}. Run the same command again to continue.")
+        outputs = outputs or {}
+        self.emit(StageStarted(stage))
+        wall, cpu = time.perf_counter(), cpu_seconds()
+        done = any(self.project.stage_is_done(stage, one) for one in (key, *former_keys))
+        damaged = self._damaged(stage, outputs) if done else {}
+        reused = done and not damaged
+        if not reused:
+            # What is made again may be quick, as training from its last checkpoint is: no measure of the stage's cost.
+            continued = bool(damaged) or self.project.get(_BEGUN) == [stage, key]
+            # Reading photos leaves nothing half-done, and may be refused, which must change nothing in the project.
+            if stage != "photos":
+                self.project.put(_BEGUN, [stage, key])
+            for name, problem in damaged.items():
+                self.emit(Warned(f"{name} {problem}; it is made again."))
+                delete_derived(self.project.path, *PurePosixPath(name).parts)
+            with PeakMemory.of() as peak:
+                figures = compute()
+            self.project.finish_stage(
+                stage,
+                key,
+                wall_seconds=time.perf_counter() - wall,
+                cpu_seconds=cpu_seconds() - cpu,
+                figures=figures,
+                peak_memory=peak.bytes,
+                continued=continued,
+                outputs=outputs,
+                run=describe_run(settings),
+            )
+            self.computed.append(stage)
+        self.emit(StageFinished(stage, time.perf_counter() - wall, reused))
+
+    def _damaged(self, stage: str, outputs: Outputs) -> dict[str, str]:
+        """Return the outputs that are missing or damaged, and in which way; record those that are not recorded yet."""
+        damaged = self.project.damaged_outputs(stage)
+        recorded = self.project.recorded_outputs(stage)
+        readable = []
+        for path, read in outputs.items():
+            name = path.relative_to(self.project.path).as_posix()
+            if name in recorded:
+                continue
+            if not path.is_file():
+                damaged[name] = "is missing"
+            elif read is None:
+                damaged[name] = "cannot be checked"
+            else:
+                try:
+                    read()
+                    readable.append(path)
+                except HeritageError:
+                    damaged[name] = "was damaged"
+        if readable:
+            self.project.record_outputs(stage, readable)
+        return damaged
+
+    def before_replacing_outputs(self, stage: str) -> None:
+        """Mark `stage` as not done before its files are replaced: after a kill they must not count as done."""
+        self.project.forget_stages([stage])
+
+    def key_of(self, stage: str) -> str | None:
+        """Return the key that `stage` was done with, None while it is not done."""
+        record = self.project.stage_record(stage)
+        return None if record is None else record["key"]

@@ -1,0 +1,234 @@
+"""What a finished project holds, as Blender and the server show it: scene, objects, memberships and cameras.
+
+Standard library and NumPy only.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import CameraError, FormatError, ObjectError, ProjectError
+from ..core.files import ArraySpec, is_as_recorded, object_file, path_within, read_array
+from ..scene import Camera, read_camera_set
+from .folder import PROJECT_FILE
+from .objects import RECORD_FILE, read_record, recorded_files
+
+__all__ = [
+    "ProjectObject",
+    "default_project_folder",
+    "is_project",
+    "list_objects",
+    "load_level",
+    "load_membership",
+    "photo_camera",
+    "report_file",
+    "require_intact",
+    "require_object",
+    "scene_file",
+]
+
+_ADVICE = "Isolate the object again."
+_MAX_TEXT = 1000
+"""Characters of a text from a project that are kept in the .blend file."""
+
+
+@dataclass(frozen=True)
+class ProjectObject:
+    """The part of ``object.json`` that Blender shows.
+
+    Attributes
+    ----------
+    id, name : str
+        Folder name, and the user's name for the object.
+    prompt : str
+        Text of the prompt, or a description of it.
+    score, threshold : float
+        Confidence, and the smallest membership of a Gaussian that belongs to the object.
+    kind : str
+        Kind of prompt: ``"text"``, ``"click"``, ``"all"``, ``"background"``...
+    level, n_levels : int
+        Level that ``membership.npy`` contains (0 is the smallest part), and number of nested levels, at least 1.
+    n_gaussians : int
+        Gaussians that belong to it.
+    """
+
+    id: str
+    name: str
+    prompt: str
+    score: float
+    threshold: float
+    kind: str = ""
+    level: int = 0
+    n_levels: int = 1
+    n_gaussians: int = 0
+
+
+def default_project_folder(photos: Path) -> Path:
+    """Return the default project folder, next to the photo folder or video: ``<name>_heritage``."""
+    return photos.with_name(f"{photos.stem if photos.is_file() else photos.name}_heritage")
+
+
+def scene_file(project: Path) -> Path:
+    """Return the file of the project's scene.
+
+    Raises
+    ------
+    ProjectError
+        When `project` contains no finished scene.
+    """
+    file = path_within(project, "gaussians", "scene.ply")
+    if not file.is_file():
+        raise ProjectError(
+            f"{project} contains no finished scene (gaussians/scene.ply is missing). Import its photo folder first."
+        )
+    return file
+
+
+def report_file(project: Path) -> Path:
+    """Return the file of the project's report, which need not exist."""
+    return path_within(project, "report", "report.html")
+
+
+def list_objects(project: Path) -> list[ProjectObject]:
+    """Return the objects of the project, sorted by name.
+
+    Raises
+    ------
+    FormatError
+        When an ``object.json`` cannot be read.
+    """
+    folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{RECORD_FILE}"))
+    objects = [_read_object(object_file(project, name, RECORD_FILE)) for name in folders]
+    return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
+
+
+def _read_object(file: Path) -> ProjectObject:
+    record = read_record(file)
+    n_levels = max(1, len(record.levels))
+    if not 0 <= record.level < n_levels:
+        raise FormatError(f"{file} cannot be read: it has {n_levels} levels, not level {record.level}. {_ADVICE}")
+    return ProjectObject(
+        id=record.id,
+        name=record.name[:_MAX_TEXT],
+        prompt=_prompt_text(record.prompt)[:_MAX_TEXT],
+        score=min(max(record.score, 0.0), 1.0),
+        threshold=record.threshold,
+        kind=str(record.prompt.get("kind", ""))[:_MAX_TEXT],
+        level=record.level,
+        n_levels=n_levels,
+        n_gaussians=record.n_gaussians,
+    )
+
+
+def _prompt_text(prompt: dict[str, Any]) -> str:
+    if prompt.get("text"):
+        return str(prompt["text"])
+    clicks, others = ((value if isinstance(value, list) else []) for value in map(prompt.get, ("clicks", "not")))
+    place = f"in {prompt.get('photo')}"
+    match prompt.get("kind"):
+        case "all":
+            return "found without a prompt"
+        case "background":
+            return "what belongs to no object"
+        case "hand":
+            return "made by hand"
+        case "click" if clicks:
+            return f"{len(clicks)} clicks, {len(others)} beside it"
+        case "click":
+            return f"a click {place}, {len(others)} beside it" if others else f"a click {place}"
+        case "box" | "mask" as kind:
+            return f"a {kind} {place}"
+    return ", ".join(f"{key} {value}" for key, value in prompt.items() if value is not None)
+
+
+def is_project(folder: Path) -> bool:
+    """Return whether `folder` is a project. A .blend file may name any folder."""
+    return os.path.isfile(folder / PROJECT_FILE)
+
+
+def require_object(project: Path, object_id: str) -> None:
+    """Raise `ObjectError` unless `project` is a project with the object `object_id`, and `FormatError` for no id."""
+    # Unlike Path.is_file, this is false for names that are too long.
+    if not (is_project(project) and os.path.isfile(object_file(project, object_id, RECORD_FILE))):
+        raise ObjectError(f"{project} has no object {object_id!r}. Changes are kept in this .blend file only.")
+
+
+def require_intact(project: Path, object_id: str) -> None:
+    """Check the files of an object against the sizes and hashes that the engine recorded, where it did.
+
+    Raises
+    ------
+    FormatError
+        When one of them is missing or damaged.
+    """
+    for name, recorded in recorded_files(object_file(project, object_id, RECORD_FILE)).items():
+        file = object_file(project, object_id, name)
+        if not is_as_recorded(file, recorded):
+            raise FormatError(f"{file} {'was damaged' if file.exists() else 'is missing'}. {_ADVICE}")
+
+
+def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.float32]:
+    """Return the membership of the scene's `count` Gaussians in an object, shape [count], float32, in [0, 1].
+
+    Raises
+    ------
+    FormatError
+        When the file cannot be read, or belongs to another scene.
+    """
+    file = object_file(project, object_id, "membership.npy")
+    membership = read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
+    _require_count(project, object_id, len(membership), count)
+    return membership
+
+
+def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray[np.float32]:
+    """Return the membership in an object at one of its levels, shape [count], float32, without reading other levels.
+
+    Raises
+    ------
+    FormatError
+        When the file cannot be read, belongs to another scene, or has no such level.
+    """
+    file = object_file(project, object_id, "levels.npy")
+    # Memory-mapped: the slider needs only one of several levels.
+    levels = read_array(file, ArraySpec("float32", ("k", "n")), advice=_ADVICE, mapped=True)
+    _require_count(project, object_id, levels.shape[1], count)
+    if not 0 <= level < len(levels):
+        raise FormatError(
+            f"The object {object_id} of {project} has only {len(levels)} levels now; level {level + 1} is missing. "
+            "Open the project again."
+        )
+    membership = np.array(levels[level])
+    if not np.isfinite(membership).all():
+        raise FormatError(f"{file} cannot be read: it has values that are not finite. {_ADVICE}")
+    return membership
+
+
+def _require_count(project: Path, object_id: str, found: int, count: int) -> None:
+    if found != count:
+        raise FormatError(
+            f"The object {object_id} of {project} belongs to another version of the scene ({found} Gaussians, not "
+            f"{count}). Isolate it again."
+        )
+
+
+def photo_camera(project: Path, photo: str) -> Camera:
+    """Return the camera of a photo, with its lens distortion.
+
+    Raises
+    ------
+    FormatError
+        When the project's cameras cannot be read.
+    CameraError
+        When the photo has no camera.
+    """
+    camera = read_camera_set(path_within(project, "cameras")).by_photo.get(photo)
+    if camera is None:
+        raise CameraError(f"{project} has no camera of the photo {photo!r}. Open the project again.")
+    return camera

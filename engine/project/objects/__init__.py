@@ -1,0 +1,60 @@
+"""What is stored of an object: its own record, the museum record that a curator enters, and the trash.
+
+Standard library and NumPy only: Blender reads them, too.
+"""
+
+from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
+from .object_record import (
+    COMPUTED_FILES,
+    LEVELS_FILE,
+    MEMBERSHIP_FILE,
+    PICTURE_FILE,
+    POLISHED_FILE,
+    RECORD_FILE,
+    ObjectRecord,
+    found_again,
+    new_id,
+    new_name,
+    read_record,
+    recorded_files,
+    rename_object,
+    write_record,
+)
+from .state_digest import UNREADABLE, object_states, state_of
+from .stored_objects import list_objects, load_object, object_ids, taken_ids
+from .trash import bring_back, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
+
+__all__ = [
+    "COMPUTED_FILES",
+    "LEVELS_FILE",
+    "MEMBERSHIP_FILE",
+    "MUSEUM_RECORD_FILE",
+    "MuseumRecord",
+    "ObjectRecord",
+    "PICTURE_FILE",
+    "POLISHED_FILE",
+    "RECORD_FILE",
+    "UNREADABLE",
+    "bring_back",
+    "delete_object",
+    "discard_object",
+    "empty_trash",
+    "found_again",
+    "keep_version",
+    "list_objects",
+    "list_trash",
+    "load_object",
+    "load_record",
+    "new_id",
+    "new_name",
+    "object_ids",
+    "object_states",
+    "read_record",
+    "recorded_files",
+    "rename_object",
+    "restore_object",
+    "save_record",
+    "state_of",
+    "taken_ids",
+    "write_record",
+]

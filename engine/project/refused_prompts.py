@@ -1,0 +1,160 @@
+"""Prompts that were not found, with their candidates: reads ``objects/candidates.json`` of a project.
+
+Standard library only.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.errors import FormatError, ProjectError
+from ..core.files import delete_derived, optional, path_within, read_json
+from .content import is_project
+
+__all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found"]
+
+_FILE = ("objects", "candidates.json")
+_SCHEMA = {
+    "refused": [{"message": str, "text": optional(str), "suggestions": optional([str]), "objects": optional([str])}],
+    "candidates": optional(
+        [{"number": int, "text": str, "score": float, "photo": str, "picture": str, "object": optional((str, None))}]
+    ),
+}
+_MAX_SHOWN = 50
+"""Prompts and candidates that a panel can show."""
+_MAX_SUGGESTIONS = 5
+_MAX_TEXT = 1000
+"""Characters of a text that are kept."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A possible match for a prompt that was not found.
+
+    Attributes
+    ----------
+    number : int
+        Argument of ``segment --accept``.
+    text : str
+        The prompt.
+    score : float
+        Confidence, 0 to 1.
+    photo : str
+        Name of the photo that `picture` was cropped from.
+    picture : Path
+        Crop of the candidate. The file may be missing.
+    object_id : str
+        Id of the stored object that it is; empty for none.
+    """
+
+    number: int
+    text: str
+    score: float
+    photo: str
+    picture: Path
+    object_id: str = ""
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A prompt that was not found.
+
+    Attributes
+    ----------
+    message : str
+        Why, as a sentence.
+    text : str
+        The prompt; empty in files of earlier releases.
+    suggestions : tuple of str
+        Prompts that may have been meant.
+    object_ids : tuple of str
+        Stored objects whose names are spelt nearly like it.
+    """
+
+    message: str
+    text: str = ""
+    suggestions: tuple[str, ...] = ()
+    object_ids: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class NotFound:
+    """Prompts of the last search by text that were not found.
+
+    Attributes
+    ----------
+    refusals : tuple of Refusal
+    candidates : tuple of Candidate
+        Best first for each prompt.
+    """
+
+    refusals: tuple[Refusal, ...]
+    candidates: tuple[Candidate, ...]
+
+
+def read_not_found(project: Path) -> NotFound | None:
+    """Return the prompts that the last search by text did not find; None when all were found or the list was closed.
+
+    Raises
+    ------
+    FormatError
+        When the file cannot be read.
+    """
+    try:
+        file = path_within(project, *_FILE)
+        changed = file.stat().st_mtime_ns
+    except (OSError, ValueError):  # ValueError: a null character in the path
+        return None
+    found = _read(project, file, changed)
+    if isinstance(found, FormatError):
+        raise found.with_traceback(None)
+    return found
+
+
+# Cached, because the panel calls this at each redraw; an error too.
+@functools.lru_cache(maxsize=4)
+def _read(project: Path, file: Path, changed: int) -> NotFound | FormatError:
+    try:
+        data = read_json(file, _SCHEMA, advice="Delete it and search again.")
+        return NotFound(
+            refusals=tuple(map(_refusal, data["refused"][:_MAX_SHOWN])),
+            candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())[:_MAX_SHOWN]),
+        )
+    except FormatError as error:
+        return error
+
+
+def _refusal(entry: dict[str, Any]) -> Refusal:
+    def few(name: str) -> tuple[str, ...]:
+        return tuple(text[:_MAX_TEXT] for text in entry.get(name, ())[:_MAX_SUGGESTIONS])
+
+    return Refusal(entry["message"][:_MAX_TEXT], entry.get("text", "")[:_MAX_TEXT], few("suggestions"), few("objects"))
+
+
+def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:
+    return Candidate(
+        number=entry["number"],
+        text=entry["text"][:_MAX_TEXT],
+        score=float(entry["score"]),
+        photo=entry["photo"][:_MAX_TEXT],
+        picture=path_within(project, entry["picture"]),
+        object_id=(entry.get("object") or "")[:_MAX_TEXT],
+    )
+
+
+def dismiss(project: Path) -> None:
+    """Close the list by deleting its file.
+
+    Raises
+    ------
+    ProjectError
+        When `project` is not a project.
+    DiskError
+        When the file cannot be deleted.
+    """
+    if not is_project(project):
+        raise ProjectError(f"{project} is not a Gaussian Heritage project, so nothing is deleted there.")
+    delete_derived(project, *_FILE)

@@ -1,0 +1,36 @@
+"""Metrics of objects against ground-truth masks, and the tables in `docs/`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...core.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .document import write_section
+    from .ground_truth import GroundTruth, read_ground_truth
+    from .isolation import evaluate_project
+    from .results import Evaluation, mean_of
+    from .results_file import read_results, write_results
+    from .summary import Summary, summarise
+    from .table import INTRODUCTION, MEANINGS, data_of, markdown, write_evaluation
+
+__all__ = [
+    "GroundTruth",
+    "INTRODUCTION",
+    "MEANINGS",
+    "Evaluation",
+    "Summary",
+    "data_of",
+    "evaluate_project",
+    "markdown",
+    "mean_of",
+    "read_ground_truth",
+    "read_results",
+    "summarise",
+    "write_evaluation",
+    "write_results",
+    "write_section",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

@@ -1,0 +1,277 @@
+"""Markdown tables of an evaluation: figures of every method, then every object, word or result."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+from ... import __version__
+from ...core.files import atomic_write
+from ...core.system import describe_machine, describe_system
+from .document import write_section
+from .picture import curve_picture
+from .results import Evaluation, Row, Word, mean_of
+from .settings import IN_SAMPLE_SCENES, MARKS, PromptKind, methods_of
+from .summary import n_ranked_first, summarise
+
+__all__ = ["INTRODUCTION", "MEANINGS", "data_of", "markdown", "write_evaluation"]
+
+_MEASURES = "IoU | BIoU | halo | stray | holes | Gaussians | PSNR dB | CPU s | wall s"
+_RIGHT = " | ".join(["---:"] * 9)
+_PROMPTS: dict[PromptKind, str] = {
+    "mask": (
+        "The prompt for every object is its true mask in one photo, which is not compared for that object: the one "
+        "that shows it largest and whole, among those not compared if any shows it. A given mask has no levels: "
+        "figures by mask do not measure them."
+    ),
+    "click": (
+        "The prompt for every object is a click in the middle of its true mask in one photo, which is not compared for "
+        "that object: the one that shows it largest and whole, among those not compared if any shows it."
+    ),
+    "text": (
+        "The prompt for every object is its text. For a word the first result counts. For equal objects, which share a "
+        "text, as many results as there are objects count in the table of objects, each for the object that it matches "
+        "best."
+    ),
+    "all": (
+        "All objects are searched for without a prompt. Each result counts for one object at most, so that the sum of "
+        "their IoU is largest."
+    ),
+}
+_PROMPTED_BY: dict[PromptKind, str] = {
+    "mask": "prompted by true masks",
+    "click": "prompted by clicks",
+    "text": "prompted by texts",
+    "all": "all objects without a prompt",
+}
+
+INTRODUCTION = """# Segmentation of objects
+
+The command above each table writes the whole section. Each section says whether it is in sample or a test."""
+
+MEANINGS = """## What the columns mean
+
+- In sample: constants of the method were chosen on this scene, so its figures are better than those to expect
+  elsewhere. Test: none was. Compared photos are those that training did not see, and isolating an object looks at none
+  of the photos that it is compared in, unless the section says otherwise. Where cameras are estimated, all photos take
+  part in that.
+- found: objects, or words, with a mean IoU of at least 50 % over the compared photos.
+- IoU, BIoU: as in the script of Gaussian Grouping, in percent; means over the views of an object, then over all
+  objects. The boundary is the band inside of a mask with a width of 0.02 of the picture's diagonal. Objects for which
+  nothing was returned count 0 (that script skips them).
+- halo: predicted pixels outside of the true mask within that band's width; stray: those farther away; holes: missing
+  pixels of the true mask. All in percent of the true mask's pixels.
+- Gaussians: IoU with the Gaussians of the object, determined from the true masks of all photos, in percent. Empty where
+  the masks do not label every pixel.
+- PSNR: between the object rendered alone on black and the photo, within the true mask.
+- CPU s, wall s: from the prompt to the Gaussians. All views are rendered for each object. SAM's embeddings of the
+  photos that the masks stage segmented are stored, as in a project. Loading a model counts for the first object that
+  needs it, and describing the groups of the scene for the first text. The median and the worst are those of the prompts
+  after the first.
+- Words: the IoU is that of the first result with the object that the word names (of equal objects the one that it
+  matches best), and 0 for a refused word. "shows" is the object with which it has the highest IoU, if that is at least
+  50 %. The score is that of the first result; for a refused word, that of the best candidate. A word for an absent
+  thing is right when it is refused.
+- Words ranked first on the true masks: the objects are cut out of photos that may be looked at by their true masks,
+  as candidates of a text are by their own, and the detector scores each of them with all words of the scene and for
+  absent things. The word of an object counts when no other word has a higher score. This is what the detector makes of
+  perfect outlines.
+- Results of a search for all objects: "ignored" are those of which most pixels show furniture and other things that the
+  true masks ignore; they are neither right nor wrong. "unseen" are those that no compared photo shows. "false" are all
+  others with an IoU below 50 %."""
+
+
+def data_of(evaluation: Evaluation, title: str) -> Literal["in sample", "test"]:
+    """Return whether constants of the method were chosen on the scene of an evaluation, by its name.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    title : str
+        Name of the scene in the table, which may differ from the name of its folder.
+    """
+    return "in sample" if {evaluation.scene, title} & set(IN_SAMPLE_SCENES) else "test"
+
+
+def markdown(evaluation: Evaluation) -> str:
+    """Return the tables and remarks: figures of every method, then every object, word or result for the presets."""
+    kind = evaluation.settings.prompt_kind
+    blocks = [_means(evaluation)]
+    if kind == "text":
+        blocks = [_word_figures(evaluation), _ceiling(evaluation), _words(evaluation), *blocks]
+    elif kind == "all":
+        blocks = [_search_figures(evaluation), *blocks, _objects(evaluation), _results(evaluation)]
+    else:
+        blocks.append(_objects(evaluation))
+    return "\n\n".join([*blocks, *(["\n".join(remarks)] if (remarks := list(_remarks(evaluation))) else [])])
+
+
+def write_evaluation(path: Path, evaluation: Evaluation, *, title: str, command: str) -> None:
+    """Write one section of a Markdown file and its plot beside it; other sections stay unchanged.
+
+    Parameters
+    ----------
+    path : Path
+    evaluation : Evaluation
+    title : str
+        Name of the scene.
+    command : str
+        Command that makes the table, shown above it.
+
+    Raises
+    ------
+    DiskError
+        When the file cannot be written.
+    """
+    machine = describe_machine()
+    kind = evaluation.settings.prompt_kind
+    parts = [f"```\n{command}\n```", MARKS[data_of(evaluation, title)], markdown(evaluation)]
+    if kind != "all":
+        image = path.with_name(f"{path.stem}_{re.sub('[^0-9A-Za-z_-]+', '-', title)}_{kind}.png")
+        with atomic_write(image) as stream:
+            stream.write(curve_picture(evaluation))
+        parts.append(f"![IoU against CPU seconds]({image.name})")
+    parts.append(_conditions(evaluation))
+    parts.append(f"Gaussian Heritage {__version__}, {machine.cores} cores, {describe_system()}.")
+    heading = f"{title}, {_PROMPTED_BY[kind]}"
+    write_section(path, introduction=INTRODUCTION, title=heading, body="\n\n".join(parts), closing=MEANINGS)
+
+
+def _conditions(evaluation: Evaluation) -> str:
+    photos, trained = evaluation.photos, evaluation.n_trained_on
+    seen = f"training saw {trained} of them" if trained else "training saw none of them"
+    compared = set(photos) & set(evaluation.looked_at)
+    looked_at = (
+        f"Isolating looked at all of them and at {len(evaluation.looked_at) - len(photos)} other photos."
+        if compared
+        else f"Isolating looked at none of them, but at the {len(evaluation.looked_at)} other photos."
+    )
+    stages = ", ".join(f"{stage} {wall:.0f} s ({cpu:.0f})" for stage, wall, cpu in evaluation.stages)
+    return (
+        f"{evaluation.n_gaussians:,} Gaussians; {len(photos)} photos with true masks ({evaluation.layout}) are "
+        f"compared; {seen}: {', '.join(photos)}. {looked_at} {_PROMPTS[evaluation.settings.prompt_kind]} A predicted "
+        "mask holds the pixels of the photo of which the object makes up more than half, with the rest of the scene in "
+        "front of it." + (f" Stages before the first prompt, in wall (CPU) seconds: {stages}." if stages else "")
+    )
+
+
+def _means(evaluation: Evaluation) -> str:
+    objects = list(dict.fromkeys(row.object for row in evaluation.rows))
+    lines = [f"| mean of {len(objects)} objects | found | {_MEASURES} |", f"| --- | ---: | {_RIGHT} |"]
+    for method in methods_of(evaluation.settings):
+        rows = [row for row in evaluation.rows if row.method == method.name]
+        lines.append(f"| {method.name} | {sum(row.found for row in rows)} of {len(rows)} | {_cells(rows)} |")
+    return "\n".join(lines)
+
+
+def _objects(evaluation: Evaluation) -> str:
+    lines = [f"| object | method | views | {_MEASURES} |", f"| --- | --- | ---: | {_RIGHT} |"]
+    for row in evaluation.rows:
+        if row.method in evaluation.settings.presets:
+            method = row.method if row.found else f"{row.method} (**not found**)"
+            lines.append(f"| {_cell(row.object)} | {method} | {row.n_views} | {_cells([row])} |")
+    return "\n".join(lines)
+
+
+def _word_figures(evaluation: Evaluation) -> str:
+    lines = [
+        "| method | words found | IoU | BIoU | absent words refused | CPU s, median | worst | wall s, median | worst |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for figures in summarise(evaluation):
+        refused = f"{figures.n_refused} of {figures.n_absent}" if figures.n_absent else "-"
+        seconds = (
+            figures.cpu_seconds_median, figures.cpu_seconds_worst, figures.seconds_median, figures.seconds_worst
+        )  # fmt: skip
+        cells = [_number(100 * figures.iou), _number(100 * figures.boundary_iou), refused, *map(_number, seconds)]
+        lines.append(f"| {figures.method} | {figures.n_found} of {figures.n_asked} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _ceiling(evaluation: Evaluation) -> str:
+    ceiling = evaluation.ceiling
+    if ceiling is None:
+        return "Words ranked first on the true masks: not measured, since no photo with true masks may be looked at."
+    others = ", ".join(f"{word} ({first or 'nothing'})" for word, first in ceiling.items() if word != first)
+    return f"Words ranked first on the true masks: {n_ranked_first(evaluation)} of {len(ceiling)}" + (
+        f"; not: {others}, with the word that is first." if others else "."
+    )
+
+
+def _words(evaluation: Evaluation) -> str:
+    lines = [
+        "| word | method | right | shows | IoU | results | score | CPU s | wall s |",
+        "| --- | --- | --- | --- | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for word in evaluation.words:
+        if word.method in evaluation.settings.presets:
+            right = word.n_results == 0 if word.absent else word.found
+            name = f"{_cell(word.prompt)} (absent)" if word.absent else _cell(word.prompt)
+            lines.append(f"| {name} | {word.method} | {'yes' if right else '**no**'} | {_word_cells(word)} |")
+    return "\n".join(lines)
+
+
+def _word_cells(word: Word) -> str:
+    shows = _cell(word.shows or "no object") if word.n_results else "refused"
+    score = "-" if math.isnan(word.score) else f"{word.score:.2f}"
+    seconds = f"{_number(word.cpu_seconds)} | {_number(word.seconds)}"
+    return f"{shows} | {_number(100 * word.iou)} | {word.n_results} | {score} | {seconds}"
+
+
+def _search_figures(evaluation: Evaluation) -> str:
+    lines = [
+        "| method | found | IoU | BIoU | results | ignored | unseen | false | CPU s | wall s |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for figures in summarise(evaluation):
+        counts = (figures.n_results, figures.n_ignored, figures.n_unseen, figures.n_false)
+        cells = [_number(100 * figures.iou), _number(100 * figures.boundary_iou), *map(str, counts)]
+        cells += [_number(figures.cpu_seconds_median), _number(figures.seconds_median)]
+        lines.append(f"| {figures.method} | {figures.n_found} of {figures.n_asked} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _results(evaluation: Evaluation) -> str:
+    lines = ["| suggested name | method | score | result | IoU |", "| --- | --- | ---: | --- | ---: |"]
+    for search in evaluation.searches:
+        for result in search.results:
+            if search.method in evaluation.settings.presets:
+                nearest = f" ({_cell(result.object)})" if result.object else ""
+                shows = _cell(result.object) if result.kind == "object" else f"**{result.kind}**{nearest}"
+                name = _cell(result.name or "-")
+                lines.append(
+                    f"| {name} | {search.method} | {result.score:.2f} | {shows} | {_number(100 * result.iou)} |"
+                )
+    return "\n".join(lines)
+
+
+def _cells(rows: Sequence[Row]) -> str:
+    shares = [
+        [row.iou for row in rows], [row.boundary_iou for row in rows], [row.halo for row in rows],
+        [row.stray for row in rows], [row.holes for row in rows], [row.gaussian_iou for row in rows],
+    ]  # fmt: skip
+    cells = [_number(100 * mean_of(values)) for values in shares]
+    columns = ([row.psnr for row in rows], [row.cpu_seconds for row in rows], [row.seconds for row in rows])
+    cells += [_number(mean_of(values)) for values in columns]
+    return " | ".join(cells)
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.1f}"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def _remarks(evaluation: Evaluation) -> Iterator[str]:
+    for row in evaluation.rows:
+        if row.remark and row.method in evaluation.settings.presets:
+            yield f"- {row.object}, {row.method}: {row.remark}"
+    for name in evaluation.left_out:
+        yield f"- {name}: left out, since no photo is left to compare it in."
+    if evaluation.unplaced:
+        yield f"- Left out, since no camera is known: {', '.join(evaluation.unplaced)}."

@@ -1,0 +1,377 @@
+"""Engine jobs: start, poll without blocking, cancel, and attach again after Blender was closed. Does not import bpy.
+
+A job has a folder with ``job.json`` (its process and command), ``events.jsonl`` (the engine's standard output) and
+``errors.txt`` (its standard error); a file ``taken`` says that the user has seen its end, a file ``stop`` asks it to
+stop. It writes to files instead of pipes and runs in a group of its own, so that it continues when Blender ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...core import events
+from ...core.errors import DiskError, EnvironmentProblem, FormatError, ProjectError
+from ...core.files import atomic_write, delete_derived, opened, optional, path_within, read_json, write_json
+from ...core.system import (
+    STOP_VARIABLE,
+    is_cheap_to_recognise,
+    kill_group,
+    kill_recognised,
+    own_group,
+    process_runs,
+    request_stop,
+    start_time,
+)
+
+__all__ = ["Job", "JobState", "format_seconds"]
+
+_LOG = logging.getLogger(__name__)
+_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP = "job.json", "events.jsonl", "errors.txt", "taken", "stop"
+_RECORD = {"kind": str, "subject": str, "pid": int, "command": [str], "started": optional((int, None))}
+_MAX_PID = 1 << 31
+_RECOGNISE_SECONDS = 5.0
+"""Seconds between two looks for the process of an earlier session, where that takes a process of its own (macOS)."""
+_LOG_INTERVAL = 15.0
+"""Seconds between two log lines about the same stage."""
+_MAX_READ = 1 << 20
+"""Bytes of events that one poll reads, because Blender waits for it. Longer lines are skipped."""
+_MAX_KEPT = 4096
+"""Warnings, metrics and points of the curve that are kept, each."""
+_MAX_ERROR_BYTES = 1 << 16
+"""Bytes at the end of the errors that are searched for the last line."""
+_MAX_SHOWN = 500
+"""Characters of that line that are shown."""
+
+
+@dataclass
+class JobState:
+    """State of a job. Each `Job.poll` updates the same object.
+
+    Attributes
+    ----------
+    running : bool
+        Whether the process is alive.
+    stage : str
+        Name of the current stage.
+    fraction : float
+        Progress of the stage, 0 to 1.
+    seconds_left : float or None
+        Estimated time left for the stage.
+    message : str
+        Last message.
+    preview : str
+        Path of the newest preview image; empty before the first.
+    metrics : dict
+        Last value of each metric, e.g. ``psnr``.
+    curve : list of (float, float)
+        Wall seconds of training, and PSNR of the test photos in dB.
+    warnings : list of str
+    error : str
+        One sentence if the job failed or was cancelled, else empty.
+    error_type : str
+        Name of the engine's exception; empty when the engine named none.
+    finished : bool
+        Whether the job ended successfully.
+    outputs : dict
+        Results of the job, see `engine.core.events.Finished`.
+    """
+
+    running: bool = True
+    stage: str = ""
+    fraction: float = 0.0
+    seconds_left: float | None = None
+    message: str = ""
+    preview: str = ""
+    metrics: dict[str, float] = field(default_factory=dict)
+    curve: list[tuple[float, float]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    error: str = ""
+    error_type: str = ""
+    finished: bool = False
+    outputs: dict[str, Any] = field(default_factory=dict)
+
+    def progress_line(self) -> str:
+        """Return the stage, its progress and the time left, as a line of text."""
+        left = "" if self.seconds_left is None else f", {format_seconds(self.seconds_left)} left"
+        return f"{self.stage} {self.fraction:.0%}{left}"
+
+    def update(self, event: events.Event) -> None:
+        """Update the state with `event`."""
+        match event:
+            case events.StageStarted():
+                self.stage, self.fraction, self.seconds_left, self.message = event.stage, 0.0, None, ""
+            case events.Progress():
+                self.stage, self.fraction = event.stage, min(max(event.fraction, 0.0), 1.0)
+                self.seconds_left, self.message = event.seconds_left, event.message or self.message
+            case events.StageFinished():
+                self.fraction, self.seconds_left = 1.0, 0.0
+            case events.Metric():
+                if event.name in self.metrics or len(self.metrics) < _MAX_KEPT:
+                    self.metrics[event.name] = event.value
+                if event.name == "psnr" and event.seconds is not None:
+                    self.curve.append((event.seconds, event.value))
+                    if len(self.curve) > _MAX_KEPT:
+                        del self.curve[1::2]
+            case events.Preview():
+                self.preview = event.path
+            case events.Warned():
+                self.warnings.append(event.message)
+                del self.warnings[:-_MAX_KEPT]
+            case events.ErrorEvent():
+                self.error, self.error_type = event.message, event.error
+            case events.Finished():
+                self.finished, self.message, self.outputs = True, event.message, event.outputs
+
+
+class Job:
+    """One engine process. Create it with `start` or `attach`.
+
+    Attributes
+    ----------
+    folder : Path
+        Folder of the job's files.
+    kind : str
+        Purpose of the job. It determines what the add-on does with the results.
+    subject : str
+        What the job works on, usually the project folder.
+    command : list of str
+        Its command line.
+    """
+
+    def __init__(self, folder: Path, record: Mapping[str, Any], process: subprocess.Popen[bytes] | None) -> None:
+        self.folder = folder
+        self.kind: str = record["kind"]
+        self.subject: str = record["subject"]
+        self._pid: int = record["pid"]
+        self.command: list[str] = record["command"]
+        self._started: int | None = record.get("started")
+        self._process = process
+        self._recognised_at, self._recognised = -_RECOGNISE_SECONDS, True
+        self._state = JobState()
+        self._offset = 0
+        self._skips_line = False
+        self._kill_at: float | None = None
+
+    @classmethod
+    def start(
+        cls, command: Sequence[str], folder: Path, *, kind: str, subject: str, environment: Mapping[str, str]
+    ) -> Job:
+        """Start `command` and return immediately.
+
+        Parameters
+        ----------
+        command : sequence of str
+            Command line of a process that writes event lines to its standard output.
+        folder : Path
+            Folder of the job's files. Files of an earlier job are replaced.
+        kind, subject : str
+            See the class.
+        environment : mapping
+            Environment variables of the process.
+
+        Raises
+        ------
+        ProjectError
+            When an earlier job with this folder is still running.
+        DiskError
+            When the folder cannot be written, or the command cannot be started.
+        """
+        earlier = cls.attach(folder)
+        if earlier is not None and earlier.poll().running:
+            raise ProjectError(f"A job is still working on {earlier.subject}. Wait for it or cancel it first.")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            # Opening them would follow a link.
+            for name in (_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP):
+                delete_derived(folder, name)
+            with (folder / _EVENTS).open("wb") as output, (folder / _ERRORS).open("wb") as errors:
+                process = subprocess.Popen(
+                    list(command),
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=errors,
+                    env={**environment, STOP_VARIABLE: str(folder.absolute() / _STOP)},
+                    cwd=folder,
+                    **own_group(),
+                )
+        except OSError as error:
+            raise DiskError(
+                f"{command[0]} could not be started in {folder}: {error.strerror or error}. Check both paths."
+            ) from error
+        record = {
+            "kind": kind, "subject": subject, "pid": process.pid, "command": list(command),
+            "started": start_time(process.pid),
+        }  # fmt: skip
+        try:
+            write_json(folder / _JOB, record)
+        except DiskError:
+            # Nobody would find it again.
+            process.kill()
+            raise
+        return cls(folder, record, process)
+
+    @classmethod
+    def attach(cls, folder: Path) -> Job | None:
+        """Return the job whose files are in `folder`, running or ended; None when there is none.
+
+        Parameters
+        ----------
+        folder : Path
+            A folder of `start`. One that is a link elsewhere, or whose ``job.json`` is, holds no job of ours.
+        """
+        try:
+            file = path_within(folder.parent, folder.name, _JOB)
+            record = read_json(file, _RECORD, advice="Delete it.")
+        except FormatError:
+            return None
+        # 0 and negative numbers stand for groups of processes, 1 for the first process of the system.
+        if not 1 < record["pid"] < _MAX_PID or not record["command"]:
+            return None
+        return cls(folder, record, None)
+
+    def poll(self) -> JobState:
+        """Read new events without blocking, and return the state.
+
+        Notes
+        -----
+        This also kills a cancelled job whose grace period is over.
+        """
+        if not self._state.running:
+            return self._state
+        # Checked before reading, so that everything a process wrote before it ended is read.
+        alive = self._is_alive()
+        all_read = self._read_events()
+        if alive and self._kill_at is not None and time.monotonic() > self._kill_at:
+            self._kill_at = None
+            self._kill()
+        if not alive and all_read:
+            self._state.running = False
+            if not self._state.finished and not self._state.error:
+                self._state.error = self._unexpected_exit_message()
+            self._state.finished = self._state.finished and not self._state.error
+        return self._state
+
+    @property
+    def of_earlier_session(self) -> bool:
+        """Whether another session of Blender started the job."""
+        return self._process is None
+
+    def mark_taken(self) -> None:
+        """Record that the user knows how the job ended, so that it is not told again after Blender was closed.
+
+        Raises
+        ------
+        DiskError
+            When the folder cannot be written.
+        """
+        with atomic_write(self.folder / _TAKEN):
+            pass
+
+    def is_taken(self) -> bool:
+        """Return whether the user knows how the job ended."""
+        return (self.folder / _TAKEN).exists()
+
+    def cancel(self, grace_seconds: float = 10.0) -> None:
+        """Ask the job to stop at its next safe point, and let `poll` kill it if it still runs after `grace_seconds`.
+
+        Raises
+        ------
+        DiskError
+            When the folder of the job cannot be written.
+        EnvironmentProblem
+            When the system does not tell whether the process is still this job, so that it cannot be killed.
+        """
+        if self.poll().running:
+            try:
+                request_stop(self.folder / _STOP)
+            except OSError as error:
+                raise DiskError(
+                    f"{self.folder} cannot be written: {error.strerror or error}. Check the disk, then cancel again."
+                ) from error
+            if self._runs() is None:
+                raise EnvironmentProblem(
+                    f"The job on {self.subject} was asked to stop. The system does not tell whether process "
+                    f"{self._pid} is still this job: if it goes on, end it with the system's own tools."
+                )
+            self._kill_at = time.monotonic() + grace_seconds
+
+    def wait(self, interval: float = 0.05) -> JobState:
+        """Poll until the job has ended, and log its progress. Blocks: for background mode only."""
+        stage, logged_at = "", 0.0
+        while self.poll().running:
+            state = self._state
+            if state.stage and (state.stage != stage or time.monotonic() - logged_at > _LOG_INTERVAL):
+                stage, logged_at = state.stage, time.monotonic()
+                _LOG.info("%s", state.progress_line())
+            time.sleep(interval)
+        return self._state
+
+    def _read_events(self) -> bool:
+        """Read some of the new events, and return whether there are no more."""
+        try:
+            with opened(self.folder / _EVENTS, advice="") as stream:
+                stream.seek(self._offset)
+                data = stream.read(_MAX_READ)
+        except FormatError:
+            return True  # The next poll tries again. A job whose folder was deleted ends with its process.
+        if self._skips_line:
+            complete = data.find(b"\n") + 1
+            self._skips_line = not complete
+            all_read = not complete and len(data) < _MAX_READ
+        else:
+            complete = data.rfind(b"\n") + 1
+            for line in data[:complete].split(b"\n"):
+                event = events.from_json_line(line.decode("utf-8", "replace"))
+                if event is not None:
+                    self._state.update(event)
+            self._skips_line = not complete and len(data) == _MAX_READ
+            all_read = len(data) < _MAX_READ
+        self._offset += len(data) if self._skips_line else complete
+        return all_read
+
+    def _unexpected_exit_message(self) -> str:
+        """Return the error message for a process that ended without a final event, e.g. because it crashed."""
+        code = f" (exit code {self._process.returncode})" if self._process is not None else ""
+        lines: list[str] = []
+        with contextlib.suppress(FormatError), opened(self.folder / _ERRORS, advice="") as stream:
+            stream.seek(max(0, stream.seek(0, os.SEEK_END) - _MAX_ERROR_BYTES))
+            lines = stream.read(_MAX_ERROR_BYTES).decode("utf-8", "replace").strip().splitlines()
+        last_line = f" Its last line was: {lines[-1].strip()[:_MAX_SHOWN]}" if lines else ""
+        return (
+            f"The engine stopped unexpectedly{code}.{last_line} Finished work is kept. "
+            f"Details are in {self.folder / _ERRORS}."
+        )
+
+    def _is_alive(self) -> bool:
+        if self._process is not None:
+            return self._process.poll() is None
+        now = time.monotonic()
+        if is_cheap_to_recognise() or now - self._recognised_at >= _RECOGNISE_SECONDS:
+            self._recognised_at, self._recognised = now, self._runs() is not False
+        return self._recognised
+
+    def _runs(self) -> bool | None:
+        """Return whether the process is still this job; None when the system does not tell."""
+        if self._process is not None:
+            return self._process.poll() is None
+        return process_runs(self._pid, self.command, self.folder, self._started)
+
+    def _kill(self) -> None:
+        """Kill the process, and those that a stage may have started."""
+        if self._process is not None:
+            kill_group(self._process)
+        else:
+            kill_recognised(self._pid, self.command, self.folder, self._started)
+
+
+def format_seconds(seconds: float) -> str:
+    """Return a time as text, in seconds or minutes."""
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

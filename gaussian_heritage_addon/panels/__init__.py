@@ -1,0 +1,1 @@
+"""The panels of the sidebar and the page of the preferences."""

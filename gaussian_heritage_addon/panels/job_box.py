@@ -1,0 +1,78 @@
+"""The state of a job in a panel: its progress, preview image and training curve, or its result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+from bpy.app.translations import pgettext_n
+
+from ...engine.workers.jobs import Job, JobState, format_seconds, seconds_left_in_all
+from ..blender.drawn_text import draw_text
+from ..language.translations import translated
+from ..project.curve import Point
+from ..project.pictures import curve_icon, picture_icon
+from ..project.planned_device import planned_device
+
+__all__ = ["draw_curve", "draw_job"]
+
+_METRICS = {
+    "registered_photos": pgettext_n("Photos with a camera: {:.0f}"),
+    "sparse_points": pgettext_n("Points in space: {:,.0f}"),
+    "reprojection_error_px": pgettext_n("Error of the cameras: {:.2f} pixels"),
+    "gaussians": pgettext_n("Gaussians: {:,.0f}"),
+    "psnr": pgettext_n("PSNR of photos not trained on: {:.1f} dB"),
+}
+"""Metrics that are shown. The others are for programs."""
+
+
+def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool = True) -> None:
+    """Draw the progress of a job with its preview image and training curve, or its result.
+
+    Without `bar` where the progress bar and its button stand elsewhere already.
+    """
+    box = layout.box()
+    if job.of_earlier_session:
+        box.label(text="Started before Blender was closed", icon="TIME")
+    if state.running:
+        if bar:
+            row = box.row(align=True)
+            row.progress(factor=state.fraction, text=state.progress_line())
+            row.operator("heritage.cancel_job", text="", icon="CANCEL")
+        draw_text(box, state.message or job.subject, n_boxes=1)
+        left = seconds_left_in_all(Path(job.subject), state) if job.kind == "reconstruct" else None
+        if left is not None:
+            box.label(text=translated("About {} left in all", format_seconds(left)), icon="TIME")
+        device = planned_device(Path(job.subject)) if job.kind == "reconstruct" else ""
+        if device:
+            draw_text(box, device, icon="SYSTEM", n_boxes=1)
+        icon = picture_icon(Path(state.preview)) if state.preview else 0
+        if icon:
+            box.template_icon(icon_value=icon, scale=8.0)
+        for name, value in state.metrics.items():
+            if name in _METRICS:
+                text = _METRICS[name]
+                box.label(text=translated(text, value))
+    elif state.error_type == "PromptError":
+        # The panel Objects has the sentence, with the candidates.
+        box.label(text="Not found", icon="QUESTION")
+    elif state.error:
+        draw_text(box, state.error, icon="ERROR", n_boxes=1)
+    else:
+        draw_text(box, state.message or "Done.", icon="CHECKMARK", n_boxes=1)
+    for warning in state.warnings[-3:]:
+        draw_text(box, warning, icon="INFO", n_boxes=1)
+    draw_curve(box, job.subject, state.curve)
+
+
+def draw_curve(layout: bpy.types.UILayout, subject: str, points: Sequence[Point]) -> None:
+    """Draw PSNR against run time; nothing when `points` is empty."""
+    if not points:
+        return
+    seconds, psnr = points[-1]
+    layout.label(text=translated("{:.1f} dB after {:.0f} s (photos not trained on)", psnr, seconds))
+    icon = curve_icon(subject, points)
+    if icon:
+        layout.template_icon(icon_value=icon, scale=8.0)
+        layout.label(text="PSNR in dB, higher is better, against seconds")

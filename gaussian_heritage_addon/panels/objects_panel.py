@@ -1,0 +1,224 @@
+"""The panel *Objects*: isolating objects, prompts that were not found, and the sliders and record of each object."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import bpy
+from bpy.app.translations import pgettext_n
+
+from ...engine.core.errors import HeritageError
+from ...engine.core.files import object_file
+from ...engine.core.words import likeness
+from ...engine.objects.settings import SURE_SCORE
+from ...engine.project.objects import PICTURE_FILE
+from ...engine.project.refused_prompts import NotFound, Refusal, read_not_found
+from ..blender.drawn_text import draw_text
+from ..language.translations import translated
+from ..project.not_stored import draw_not_stored, is_unstored
+from ..project.pictures import picture_icon
+from ..splats.properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
+
+__all__ = ["CLASSES"]
+
+
+_NAME_SHARE = 0.6
+"""Share of the width of a row that the name of an object gets."""
+_NEXT_STEP_HEIGHT = 1.6
+_MAX_MESSAGES = 3
+"""Words that were not found, each with its sentence; all of them would push the objects out of sight."""
+
+
+_LIKENESS = {
+    "hardly": pgettext_n("Hardly looks like it"),
+    "a little": pgettext_n("Looks a little like it"),
+    "probably": pgettext_n("Probably: {}"),
+    "clearly": pgettext_n("Clearly: {}"),
+}
+"""What is said of a match instead of a number."""
+
+
+def _is_guess(properties: HeritageObject) -> bool:
+    """Return whether the name may be wrong: "Find all" guesses names, and not every answer to a word is right."""
+    return properties.kind == "all" or (properties.kind == "text" and properties.score < SURE_SCORE)
+
+
+def _icon_of(properties: HeritageObject) -> str:
+    if properties.kind == "background":
+        return "WORLD"
+    return "QUESTION" if _is_guess(properties) else "OUTLINER_OB_POINTCLOUD"
+
+
+class HERITAGE_UL_objects(bpy.types.UIList):
+    """List of the isolated objects with name, confidence and threshold."""
+
+    bl_idname = "HERITAGE_UL_objects"
+
+    def draw_item(
+        self,
+        context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        data: Any,
+        item: bpy.types.Object,
+        icon: int,
+        active_data: Any,
+        active_property: str,
+        index: int = 0,
+        flt_flag: int = 0,
+    ) -> None:
+        """Draw one object."""
+        row = layout.split(factor=_NAME_SHARE, align=True)
+        row.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
+        row.prop(item.heritage, "threshold", text="", slider=True)
+        if is_unstored(item):
+            # Not as stored; below the list stands the button that stores it.
+            row.label(text="", icon="FILE_TICK")
+        eye = "HIDE_ON" if item.heritage.hidden else "HIDE_OFF"
+        row.prop(item.heritage, "hidden", text="", icon=eye, emboss=False)
+
+    def filter_items(self, context: bpy.types.Context, data: Any, property: str) -> tuple[list[int], list[int]]:
+        """Show only the isolated objects of this scene, the background last."""
+        isolated = {obj.name: obj.heritage.kind == "background" for obj in heritage_objects(context.scene, "OBJECT")}
+        names = [item.name for item in getattr(data, property)]
+        order = sorted(range(len(names)), key=lambda number: (isolated.get(names[number], False), number))
+        places = [0] * len(names)
+        for place, number in enumerate(order):
+            places[number] = place
+        return [self.bitflag_filter_item if name in isolated else 0 for name in names], places
+
+
+class HERITAGE_PT_objects(bpy.types.Panel):
+    """Isolating objects, and the properties of the selected object."""
+
+    bl_label = "Objects"
+    bl_idname = "HERITAGE_PT_objects"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Heritage"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether a project is open."""
+        return bool(context.scene.heritage.project)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        layout = self.layout
+        properties: HeritageScene = context.scene.heritage
+        column = layout.column(align=True)
+        column.prop(properties, "prompt", text="", placeholder="vase, teapot")
+        isolate = column.column()
+        # Always: when a job brings the first objects, no button may move under the pointer.
+        isolate.scale_y = _NEXT_STEP_HEIGHT
+        isolate.operator("heritage.isolate", text="Isolate", icon="VIEWZOOM").prompt = properties.prompt
+        column = layout.column(align=True)
+        column.operator("heritage.click_object", text="Click Object", icon="EYEDROPPER").refine = False
+        row = column.row(align=True)
+        row.operator("heritage.find_objects", text="Find All")
+        row.operator("heritage.isolate_background", text="Background")
+        # Before what was not found, which would push the list out of sight.
+        layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
+        draw_not_stored(layout, context.scene)
+        try:
+            not_found = read_not_found(project_of(properties))
+        except HeritageError as error:
+            draw_text(layout, str(error), icon="ERROR")
+        else:
+            if not_found is not None:
+                _draw_not_found(layout.box(), not_found, context.scene)
+        obj = active_object(context.scene)
+        if obj is not None:
+            _draw_object(layout, obj)
+        export = layout.column()
+        export.scale_y = _NEXT_STEP_HEIGHT
+        export.operator("heritage.export_objects", text="Export Objects", icon="EXPORT")
+
+
+def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound, scene: bpy.types.Scene) -> None:
+    names = {obj.heritage.object_id: obj.name for obj in heritage_objects(scene, "OBJECT")}
+    row = box.row()
+    row.label(text="Not found", icon="QUESTION")
+    row.operator("heritage.dismiss_candidates", text="", icon="X", emboss=False)
+    for refusal in not_found.refusals[:_MAX_MESSAGES]:
+        draw_text(box, refusal.message, n_boxes=1)
+        _draw_meant(box, refusal, names)
+    if len(not_found.refusals) > _MAX_MESSAGES:
+        box.label(text=translated("... and {} more", len(not_found.refusals) - _MAX_MESSAGES))
+    if not_found.candidates:
+        box.label(text="Closest matches:")
+    for candidate in not_found.candidates:
+        row = box.row()
+        icon = picture_icon(candidate.picture)
+        if icon:
+            row.template_icon(icon_value=icon, scale=4.0)
+        column = row.column()
+        if candidate.object_id in names:
+            # Isolated again, it would stand twice in the list.
+            column.label(text=translated("This is {}", names[candidate.object_id]))
+            column.operator("heritage.select_object", text="Select").object_id = candidate.object_id
+            continue
+        column.label(text=f"{candidate.text}?")
+        draw_text(column, translated(_LIKENESS[likeness(candidate.score, SURE_SCORE)], candidate.text))
+        column.operator("heritage.accept_candidate", text="Isolate").number = candidate.number
+
+
+def _draw_meant(box: bpy.types.UILayout, refusal: Refusal, names: dict[str, str]) -> None:
+    """Draw what may have been meant as buttons: objects that are there, and words that can be searched for."""
+    known = [object_id for object_id in refusal.object_ids if object_id in names]
+    if not known and not refusal.suggestions:
+        return
+    box.label(text="Did you mean:")
+    column = box.column(align=True)
+    for object_id in known:
+        text = translated("Select {}", names[object_id])
+        column.operator("heritage.select_object", text=text, icon="RESTRICT_SELECT_OFF").object_id = object_id
+    for word in refusal.suggestions:
+        column.operator("heritage.isolate", text=translated("Isolate {}", word), icon="VIEWZOOM").prompt = word
+
+
+def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
+    properties: HeritageObject = obj.heritage
+    column = layout.column()
+    column.prop(properties, "threshold", slider=True)
+    if properties.n_levels > 1:
+        row = column.row(align=True)
+        row.prop(
+            properties,
+            "part_to_whole",
+            text=translated("Part to Whole: {} of {}", properties.level + 1, properties.n_levels),
+            slider=True,
+        )
+        if properties.level != properties.stored_level:
+            row.operator("heritage.refine_object", text="Keep").level = properties.level
+    if properties.kind == "all":
+        column.label(text="Its name is a guess: double-click it", icon="QUESTION")
+    column.operator("heritage.solo_object", icon="SOLO_ON")
+    if properties.kind != "background":
+        column.operator("heritage.click_object", text="Correct by Clicks", icon="EYEDROPPER").refine = True
+        if properties.kind == "text":
+            _draw_likeness(column, properties)
+    for name in ("catalogue_number", "title", "rights", "notes"):
+        # Beside its name, a field would have no room in a sidebar of the usual width.
+        column.prop(properties, name, text="", placeholder=properties.bl_rna.properties[name].name)
+    if properties.problem:
+        draw_text(column, properties.problem, icon="ERROR")
+
+
+def _draw_likeness(column: bpy.types.UILayout, properties: HeritageObject) -> None:
+    """Draw how sure the name of an object is that was found by words, with its picture where it may be wrong."""
+    text = translated(_LIKENESS[likeness(properties.score, SURE_SCORE)], properties.prompt)
+    if not _is_guess(properties):
+        draw_text(column, text)
+        return
+    draw_text(column, text, icon="QUESTION")
+    draw_text(column, "Look whether it is right; a double click in the list changes the name.")
+    icon = 0
+    if properties.project and properties.object_id:
+        with contextlib.suppress(HeritageError):  # The panel itself says what is wrong with a project.
+            icon = picture_icon(object_file(project_of(properties), properties.object_id, PICTURE_FILE))
+    if icon:
+        column.template_icon(icon_value=icon, scale=5.0)
+
+
+CLASSES = [HERITAGE_UL_objects, HERITAGE_PT_objects]

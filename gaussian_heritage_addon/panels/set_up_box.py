@@ -1,0 +1,67 @@
+"""The box that leads from a new installation to a ready engine, in the sidebar and in the preferences."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.app.translations import pgettext_n
+
+from ..blender.drawn_text import draw_text
+from ..jobs import job_runner
+from ..setup.installation import installed_engine
+from ..setup.preferences import engine_problem, set_up_options, set_up_problem
+from .job_box import draw_job
+
+__all__ = ["draw_set_up", "set_up_label"]
+
+_LABELS = {
+    "missing": pgettext_n("Set Up Engine"),
+    "incomplete": pgettext_n("Continue Set-Up"),
+    "outdated": pgettext_n("Update Engine"),
+}
+
+
+def set_up_label() -> str:
+    """Return what setting up means now, as a label: first set-up, continuation, update or repair."""
+    return _LABELS.get(installed_engine().state(), pgettext_n("Repair Engine"))
+
+
+def draw_set_up(layout: bpy.types.UILayout) -> bool:
+    """Draw what leads to an engine, or its progress; return False, and draw nothing, when there is an engine."""
+    job = job_runner.current()
+    if job is not None and job[0].kind == "set-up" and not job[1].finished:
+        draw_job(layout, *job)
+        if job[1].running:
+            return True
+    problem = engine_problem()
+    if not problem:
+        return False
+    failed_here = job is not None and job[0].kind == "set-up"
+    if not failed_here and (reason := set_up_problem()):
+        # Of an earlier session: what is known of it must not be lost with Blender.
+        draw_text(layout, reason, icon="ERROR")
+    draw_text(layout, problem, icon="INFO")
+    if _needs_network():
+        _draw_online_access(layout)
+    column = layout.column()
+    column.enabled = not _needs_network()
+    column.scale_y = 1.6
+    column.operator("heritage.set_up_engine", text=set_up_label(), icon="IMPORT")
+    return True
+
+
+def _needs_network() -> bool:
+    return not (bpy.app.online_access or set_up_options()[2])
+
+
+def _draw_online_access(layout: bpy.types.UILayout) -> None:
+    """Draw the switch of Blender's own preferences by which programs in Blender may use the network."""
+    draw_text(layout, "Setting up downloads the engine, and Blender may not use the network yet.", icon="INTERNET")
+    if bpy.app.online_access_override:
+        # The switch has no effect then.
+        draw_text(layout, "Blender was started with --offline-mode. Start it without that option.")
+    else:
+        column = layout.column()
+        column.scale_y = 1.6
+        system = bpy.context.preferences.system
+        column.prop(system, "use_online_access", text="Allow Online Access", toggle=True, icon="INTERNET")
+    draw_text(layout, "Without a network: choose an Offline Bundle in the preferences of this add-on.")

@@ -1,0 +1,57 @@
+"""What happens when objects are new in a scene: they are selected, framed, and their boxes flash."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..splats.properties import apply_visibility, heritage_objects, select_object
+from ..splats.solid_mode import viewports
+from ..splats.splat_boxes import flash, frame
+
+__all__ = ["show_imported", "show_new_objects"]
+
+
+def show_new_objects(scene: bpy.types.Scene, ids: list[str]) -> None:
+    """Show the objects `ids` of `scene`, the best first, as new.
+
+    The background that comes with other objects is hidden: it surrounds them. Objects found without a prompt fill the
+    room, so the view stays.
+    """
+    present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT")}
+    new = [present[one] for one in ids if one in present]
+    objects = [obj for obj in new if obj.heritage.kind != "background"]
+    for obj in new:
+        obj.heritage.hidden = bool(objects) and obj.heritage.kind == "background"
+    apply_visibility(scene)
+    shown = objects or new
+    if not shown:
+        return
+    select_object(scene, shown[0].heritage.object_id)
+    _select(scene, shown)
+    if bpy.app.background:
+        return
+    flash(shown)
+    if any(obj.heritage.kind == "all" for obj in shown):
+        return
+    for area in viewports(scene):
+        frame(area.spaces.active.region_3d, shown, scene.camera)
+
+
+def show_imported(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
+    """Select and frame splats that were imported from a file."""
+    _select(scene, [obj])
+    if bpy.app.background:
+        return
+    for area in viewports(scene):
+        frame(area.spaces.active.region_3d, [obj], scene.camera)
+
+
+def _select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
+    """Select these objects and no others; the first is active."""
+    layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
+    layer.update()
+    in_layer = [obj for obj in objects if obj.name in layer.objects]
+    for obj in layer.objects:
+        obj.select_set(obj in in_layer, view_layer=layer)
+    if in_layer:
+        layer.objects.active = in_layer[0]

@@ -1,0 +1,172 @@
+"""Objects of a project as Blender objects: their Gaussians, copied from the scene, with the origin at their foot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.core.files import path_within
+from ...engine.project.content import ProjectObject, load_level, load_membership, require_intact
+from ...engine.project.objects import load_record, state_of
+from ...engine.scene import Gaussians, load_polished
+from ..blender.moved_vertices import main_map
+from ..blender.world_placement import copy_world_matrix
+from ..splats.properties import COUNT_KEY, HeritageObject, loading, scene_count
+from ..splats.splats import SplatScene
+from .object_geometry import foot_of, moved_gaussians, near_object
+from .object_names import ID_KEY, give_name
+from .object_state import HeritageState
+from .placement import frame_of_whole, placement_properties
+
+__all__ = ["add_object", "frame_in_project", "new_collection", "update_object"]
+
+_MIN_COPIED_MEMBERSHIP = 0.05
+"""Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.
+
+Setting the threshold below it shows no more Gaussians."""
+
+
+def new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
+    """Return a new collection in `parent`. Blender adds a number if the name is in use."""
+    collection = bpy.data.collections.new(name)
+    parent.children.link(collection)
+    return collection
+
+
+def _object_gaussians(
+    project: Path, item: ProjectObject, whole: bpy.types.Object
+) -> tuple[Gaussians, NDArray[np.int32], NDArray[np.float32]]:
+    """Return the Gaussians of an object in the normalised world, their rows in the scene, and their memberships."""
+    source, count, frame = SplatScene.of(whole), scene_count(whole), frame_of_whole(whole)
+    index = source.index(count)
+    require_intact(project, item.id)
+    membership = load_membership(project, item.id, count)
+    highest_membership = membership
+    if item.n_levels > 1:
+        levels = [load_level(project, item.id, level, count) for level in range(item.n_levels)]
+        highest_membership = np.max([membership, *levels], axis=0)
+    # Gaussians added by hand (-1) belong to no object.
+    kept = (index >= 0) & (highest_membership[index] >= min(_MIN_COPIED_MEMBERSHIP, item.threshold))
+    every = moved_gaussians(source.local_gaussians(), np.linalg.inv(frame))
+    if item.kind != "background":
+        is_member = np.zeros(len(index), bool)
+        is_member[kept] = highest_membership[index[kept]] >= item.threshold
+        kept &= near_object(every.means, is_member)
+    rows = index[kept]
+    gaussians, polished = every[kept], load_polished(project, item.id)
+    return gaussians if polished is None else polished.with_polished(gaussians, rows), rows, membership[rows]
+
+
+def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
+    """Add an object of the project to `scene`, in a collection of its own, where it stands in the scene `whole`.
+
+    Raises
+    ------
+    HeritageError
+        When a file of the project cannot be read, or belongs to another version of the scene.
+    """
+    gaussians, index, membership = _object_gaussians(project, item, whole)
+    members = gaussians.means[membership >= np.float32(item.threshold)]
+    foot = foot_of(members) if len(members) and item.kind != "background" else np.zeros(3)
+    # Where the transform of the whole scene was applied, so it is for the object.
+    frame = frame_of_whole(whole)
+    shift = frame[:3, :3] @ foot + frame[:3, 3]
+    frame[:3, 3] -= shift
+    collection = new_collection(scene.collection, item.name)
+    splats = SplatScene.create(
+        item.name, moved_gaussians(gaussians, frame), collection, index=index, membership=membership, frame=frame
+    )
+    obj = splats.object
+    copy_world_matrix(obj, whole, shift)
+    for key, value in placement_properties(whole).items():
+        obj[key] = value
+    properties: HeritageObject = obj.heritage
+    record = load_record(project, item.id)
+    with loading(properties):
+        properties.role, properties.project, properties.object_id = "OBJECT", str(project), item.id
+        properties.threshold = item.threshold
+        for name, value in record.as_dict().items():
+            setattr(properties, name, value)
+    collection[ID_KEY] = item.id
+    give_name(obj, item.name)
+    obj.heritage_state.stored_name = item.name
+    _write_object_properties(obj, project, item, whole)
+    return SplatScene.of(obj)
+
+
+def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
+    """Replace the Gaussians of `obj` by those of the project; its placement stays.
+
+    Its name, threshold and record stay where the user has changed them since the project had the same.
+
+    Raises
+    ------
+    HeritageError
+        As `add_object`, and when the object is in Edit Mode.
+    """
+    splats = SplatScene.of(obj)
+    gaussians, index, membership = _object_gaussians(project, item, whole)
+    # Where the user has put the object, the Gaussians keep their place relative to its origin.
+    frame = frame_in_project(splats, whole)
+    splats.replace(moved_gaussians(gaussians, frame), index=index, membership=membership)
+    state: HeritageState = obj.heritage_state
+    if state.object_name == state.stored_name != item.name:
+        give_name(obj, item.name)
+        state.stored_name = item.name
+    if obj.heritage.threshold == state.threshold:
+        obj.heritage.threshold = item.threshold
+    with loading(obj.heritage):
+        for name, value in load_record(project, item.id).as_dict().items():
+            if not getattr(obj.heritage, name):
+                setattr(obj.heritage, name, value)
+    _write_object_properties(obj, project, item, whole)
+    return SplatScene.of(obj)
+
+
+def _write_object_properties(
+    obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object
+) -> None:
+    """Copy the description of an object in the project to its Blender object and collection."""
+    properties: HeritageObject = obj.heritage
+    with loading(properties):
+        properties.prompt, properties.score, properties.kind = item.prompt, item.score, item.kind
+        properties.n_levels, properties.level, properties.stored_level = item.n_levels, item.level, item.level
+        properties.problem = ""
+        properties.is_edited = False
+    obj.heritage_state.state = state_of(path_within(project, "objects", item.id))
+    obj.heritage_state.threshold = item.threshold
+    obj[COUNT_KEY] = scene_count(whole)
+    for collection in obj.users_collection:
+        # Not the collections that the user added the object to.
+        if collection.get(ID_KEY) == item.id:
+            collection["heritage_prompt"] = item.prompt
+            collection["heritage_score"] = item.score
+
+
+def frame_in_project(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.float64]:
+    """Return the matrix [4, 4] from the normalised world of the project to the frame of an isolated object.
+
+    In files of older versions it is found from the Gaussians that the object and the scene share: *Object > Set Origin*
+    and *Apply* changed it, and the origin of older objects is that of the scene.
+    """
+    frame = splats.frame
+    if frame is not None:
+        return frame
+    scene = SplatScene.of(whole)
+    count = scene_count(whole)
+    rows, scene_rows = splats.index(count), scene.index(count)
+    places = np.full(count, -1)
+    places[scene_rows[scene_rows >= 0]] = np.flatnonzero(scene_rows >= 0)
+    known = np.flatnonzero(rows >= 0)
+    known = known[places[rows[known]] >= 0]
+    if not len(known):
+        return frame_of_whole(whole)
+    there, here = scene.local_gaussians().means[places[rows[known]]], splats.local_gaussians().means[known]
+    moved = main_map(there, here)
+    if np.array_equal(moved, np.eye(4)):
+        # Polished Gaussians stand a little beside those of the scene, each in another direction.
+        moved[:3, 3] = np.median(here.astype(np.float64) - there, axis=0)
+    return moved @ frame_of_whole(whole)

@@ -1,0 +1,1 @@
+"""Gaussians in Blender: as meshes with attributes, drawn in viewports, rendered by nodes, selected."""

@@ -1,0 +1,110 @@
+"""Gaussians as the type that Blender has for them since version 5.3: a point cloud.
+
+Blender's own importers make the same, so that what is read here may have come from them and been edited by the user.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.core.errors import ObjectError
+from ...engine.formats import logits_of
+from ...engine.scene import Gaussians
+
+__all__ = ["copy_as_native", "has_native_splats", "is_native", "native_gaussians", "new_point_cloud"]
+
+_KINDS = {
+    "position": ("FLOAT_VECTOR", "vector", 3),
+    "rotation": ("QUATERNION", "value", 4),
+    "scale": ("FLOAT_VECTOR", "vector", 3),
+    "radiance:base": ("FLOAT4", "vector", 4),
+}
+"""Attributes that all Gaussians have: type, name and number of the values of a point."""
+_SH_KIND = ("FLOAT_VECTOR", "vector", 3)
+_BANDS = (0, 3, 8, 15)
+"""Numbers of spherical harmonics beyond the first, for the degrees 0 to 3."""
+
+_TYPE = "GAUSSIAN_SPLAT"
+
+
+def is_native() -> bool:
+    """Return whether this Blender has a type for Gaussians."""
+    kind = bpy.types.PointCloud.bl_rna.properties.get("type")
+    return kind is not None and kind.type == "ENUM" and _TYPE in kind.enum_items
+
+
+def copy_as_native(name: str, gaussians: Gaussians, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Add `gaussians` to `collection` as an object that Blender itself draws as Gaussians."""
+    cloud = new_point_cloud(name, gaussians)
+    cloud.type = _TYPE
+    obj = bpy.data.objects.new(name, cloud)
+    collection.objects.link(obj)
+    return obj
+
+
+def new_point_cloud(name: str, gaussians: Gaussians) -> bpy.types.PointCloud:
+    """Return a point cloud with the attributes of Blender's own import of Gaussians; needs Blender 5.2."""
+    cloud = bpy.data.pointclouds.new(name)
+    cloud.resize(len(gaussians))
+    base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
+    values = {
+        "position": gaussians.means,
+        "rotation": gaussians.quats,
+        "scale": gaussians.scales,
+        "radiance:base": base,
+    }
+    for k in range(1, gaussians.sh.shape[1]):
+        values[f"radiance:sh_{k - 1}"] = gaussians.sh[:, k]
+    for attribute_name, numbers in values.items():
+        data_type, key, _ = _KINDS.get(attribute_name, _SH_KIND)
+        attribute = cloud.attributes.get(attribute_name) or cloud.attributes.new(attribute_name, data_type, "POINT")
+        attribute.data.foreach_set(key, np.ascontiguousarray(numbers, np.float32).ravel())
+    return cloud
+
+
+def has_native_splats(obj: bpy.types.Object | None) -> bool:
+    """Return whether `obj` is a point cloud with the attributes of Blender's own Gaussians."""
+    if obj is None or obj.type != "POINTCLOUD":
+        return False
+    return all(name in obj.data.attributes for name in _KINDS)
+
+
+def native_gaussians(obj: bpy.types.Object) -> Gaussians:
+    """Return the Gaussians of a point cloud in the frame of the object, with what its modifiers change.
+
+    Raises
+    ------
+    ObjectError
+        When an attribute was removed or changed to another type, or some of the spherical harmonics are missing.
+    """
+    cloud = obj.data
+    if obj.modifiers:
+        cloud = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    bands = 0
+    while f"radiance:sh_{bands}" in cloud.attributes:
+        bands += 1
+    if bands not in _BANDS:
+        raise ObjectError(f"{obj.name} lacks some of its colours (radiance:sh). Import the object again.")
+    base, scale = _read(obj, cloud, "radiance:base"), np.abs(_read(obj, cloud, "scale"))
+    rest = [_read(obj, cloud, f"radiance:sh_{k}") for k in range(bands)]
+    quats = _read(obj, cloud, "rotation")
+    # A rotation that was never set is zero; files of Gaussians cannot say so.
+    quats[~quats.any(axis=1)] = (1, 0, 0, 0)
+    return Gaussians(
+        means=_read(obj, cloud, "position"),
+        log_scales=np.log(np.maximum(scale, np.finfo(np.float32).tiny)),
+        quats=quats,
+        opacity_logits=logits_of(base[:, 3]),
+        sh=np.stack([base[:, :3], *rest], axis=1),
+    )
+
+
+def _read(obj: bpy.types.Object, cloud: bpy.types.PointCloud, name: str) -> NDArray[np.float32]:
+    attribute, (data_type, key, width) = cloud.attributes.get(name), _KINDS.get(name, _SH_KIND)
+    if attribute is None or attribute.data_type != data_type or attribute.domain != "POINT":
+        raise ObjectError(f"The attribute {name} of {obj.name} was removed or changed. Import the object again.")
+    values = np.zeros((len(cloud.points), width), np.float32)
+    attribute.data.foreach_get(key, values.ravel())
+    return values

@@ -1,0 +1,106 @@
+"""What comes from file names and files is shown as text: it cannot act on the terminal, and cannot stop a run."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from engine.cli.terminal import EventOutput
+from engine.core.events import ErrorEvent, Event, Finished, Metric, Progress, StageFinished, StageStarted, Warned
+from engine.core.visible_text import visible
+from engine.project.folder import ProjectFolder
+
+HOSTILE = "\x1b]0;owned\x07\x1b[31mred\r\n\x9b2J\u202egpj.exe\u2066\u2028\udce9"
+
+
+class Stream(io.TextIOWrapper):
+    """A terminal of some encoding."""
+
+    def __init__(self, encoding: str) -> None:
+        self.raw_bytes = io.BytesIO()
+        super().__init__(self.raw_bytes, encoding=encoding, errors="strict", write_through=True)
+
+    @property
+    def text(self) -> str:
+        return self.raw_bytes.getvalue().decode(self.encoding)
+
+
+def shown(
+    monkeypatch: pytest.MonkeyPatch,
+    *events: Event,
+    encoding: str = "utf-8",
+    json_lines: bool = False,
+    log: Path | None = None,
+) -> tuple[str, str]:
+    """Return what standard output and standard error show."""
+    output, errors = Stream(encoding), Stream(encoding)
+    monkeypatch.setattr(sys, "stdout", output)
+    monkeypatch.setattr(sys, "stderr", errors)
+    printer = EventOutput(json_lines=json_lines, log=log)
+    for event in events:
+        printer(event)
+    printer.close()
+    return output.text, errors.text
+
+
+def test_hidden_characters_become_visible() -> None:
+    assert visible(HOSTILE) == (
+        r"\x1b]0;owned\x07\x1b[31mred\r\n\x9b2J\u202egpj.exe\u2066\u2028\udce9"
+    )  # fmt: skip
+    assert visible("Büste 花瓶\n\t", keep="\n\t") == "Büste 花瓶\n\t"
+
+
+def every_event(text: str) -> tuple[Event, ...]:
+    return (
+        StageStarted(text), Progress(text, 0.5, 3.0, text), Metric(text, text, 1.0), Warned(text),
+        StageFinished(text, 1.0), Warned(text), ErrorEvent(text, "PhotoError"), Finished(text),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii", "cp1252", "latin-1"])
+def test_no_event_sends_a_control_character_to_the_terminal(monkeypatch: pytest.MonkeyPatch, encoding: str) -> None:
+    hostile = HOSTILE.replace("\n", "")
+    plain = "".join(shown(monkeypatch, *every_event("Büste"), encoding=encoding))
+    text = "".join(shown(monkeypatch, *every_event(hostile), encoding=encoding))
+    # The progress bar itself moves the cursor with these.
+    own = set(plain)
+    assert "\x1b[31m" not in text
+    assert not {"\x07", "\x9b", "\u202e", "\u2066", "\u2028", "\udce9"} & (set(text) - own)
+    assert r"\x1b[31mred" in text and r"\udce9" in text
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_a_terminal_that_cannot_show_a_name_does_not_stop_the_run(
+    monkeypatch: pytest.MonkeyPatch, encoding: str
+) -> None:
+    out, err = shown(monkeypatch, Finished("花瓶"), Warned("花瓶"), encoding=encoding)
+    assert out == "\\u82b1\\u74f6\n" and err == "Note: \\u82b1\\u74f6\n"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii", "cp1252"])
+def test_lines_of_json_are_complete_in_every_encoding(monkeypatch: pytest.MonkeyPatch, encoding: str) -> None:
+    text = "花瓶 ü \U0001f3fa \x1b\udce9"
+    out, _ = shown(monkeypatch, Warned(text), encoding=encoding, json_lines=True)
+    assert "\x1b" not in out and out.count("\n") == 1
+    assert json.loads(out)["message"] == text.replace("\udce9", "\\udce9")
+
+
+def test_a_name_that_is_not_utf_8_is_logged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    project = ProjectFolder.create(tmp_path / "project")
+    log = project.path / "log.jsonl"
+    printer = EventOutput(json_lines=False, log=log)
+    printer.write_log("raw \udce9")
+    printer.close()
+    shown(monkeypatch, Warned("name \udce9"), log=log)
+    raw, line = log.read_text(encoding="utf-8").splitlines()
+    assert raw == "raw \\udce9"
+    assert json.loads(line)["message"] == "name \\udce9"
+
+
+def test_lines_of_a_table_stay_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    out, _ = shown(monkeypatch, Finished("a\tb\nc"))
+    assert out == "a\tb\nc\n"

@@ -1,0 +1,14 @@
+"""The real weight files, fetched once into the user's cache."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from engine.install.models.fetching import fetch
+
+__all__ = ["fetched"]
+
+
+def fetched(*names: str) -> list[Path]:
+    """Return the files of the catalogue called `names`, fetching the missing ones."""
+    return [fetch(name) for name in names]

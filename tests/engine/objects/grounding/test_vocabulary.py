@@ -1,0 +1,127 @@
+"""Prompts match classes, or are rejected with the nearest words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from engine.core.errors import PromptError
+from engine.objects.grounding.offline_vocabulary import OfflineVocabulary
+from engine.objects.grounding.sentences import SentenceEncoder
+from engine.objects.grounding.vocabulary import N_CLASSES, Vocabulary, read_class_words
+
+
+def test_there_are_a_thousand_classes_in_the_classifiers_order() -> None:
+    words = read_class_words()
+    assert len(words) == N_CLASSES
+    assert words[0][0] == "tench" and words[883] == ("vase",) and words[999][0] == "toilet tissue"
+
+
+@pytest.mark.parametrize(
+    ("prompt", "expected"),
+    [
+        ("vase", "vase"),
+        ("Vases", "vase"),
+        ("a Greek vase, with two handles", "vase"),
+        ("amphora", "vase"),
+        ("tea pot", "teapot"),
+        ("sandglass", "hourglass"),
+        ("chalice", "goblet"),
+        ("round shield", "shield"),
+        ("church bell", "chime"),
+        ("flower pots", "pot"),
+        ("a mask of a warrior", "mask"),
+        ("bananas", "banana"),
+        ("tribal mask", "mask"),
+        ("acoustic guitars", "acoustic guitar"),
+        ("horse", "sorrel"),
+        ("motorcycle", "moped"),
+    ],
+)
+def test_known_words_match_their_class(detector: OfflineVocabulary, prompt: str, expected: str) -> None:
+    check = detector.check_prompt(prompt)
+    assert check.known and check.matches[0][0] == expected
+    assert "is searched for as" in check.message
+
+
+def test_broader_word_matches_all_its_classes_and_no_word_of_a_class_is_one(detector: OfflineVocabulary) -> None:
+    chairs = {match for match, _ in detector.check_prompt("a wooden chair").matches}
+    assert {"barber chair", "folding chair", "rocking chair", "throne"} == chairs
+    assert [match for match, _ in detector.check_prompt("plate").matches] == ["plate"]
+
+
+@pytest.mark.parametrize(
+    "prompt",
+    ["sarcophagus", "xylograph", "quantum flux", "cuneiform tablet", "bust", "asdfgh", "花瓶", "Krug", "Teekanne"],
+)
+def test_prompt_far_from_the_vocabulary_suggests_nothing_and_says_that_words_are_english(
+    detector: OfflineVocabulary, prompt: str
+) -> None:
+    check = detector.check_prompt(prompt)
+    assert not check.known and check.matches == []
+    assert check.message == (
+        f"{prompt!r} is outside the offline vocabulary, whose words are English. Use another English word, or click on "
+        "the object instead."
+    )
+
+
+@pytest.mark.parametrize(
+    ("prompt", "expected"),
+    [
+        ("vaze", "vase"), ("a blue vaze", "vase"), ("tepot", "teapot"), ("avse", "vase"), ("obelsik", "obelisk"),
+        ("gobelts", "goblet"), ("amfora", "amphora"), ("sheild", "shield"), ("hourglas with sand", "hourglass"),
+    ],
+)  # fmt: skip
+def test_misspelt_prompt_suggests_the_word_that_is_spelt_like_it(
+    detector: OfflineVocabulary, prompt: str, expected: str
+) -> None:
+    check = detector.check_prompt(prompt)
+    assert not check.known and check.matches[0][0] == expected and len(check.matches) <= 3
+    assert f"the nearest words are: {expected}" in check.message and "English" in check.message
+
+
+def test_unknown_english_word_suggests_what_means_nearly_the_same_and_not_what_is_spelt_like_it(
+    detector: OfflineVocabulary,
+) -> None:
+    words = [word for word, _ in detector.check_prompt("spaceship engine").matches]
+    assert words == ["speedboat", "space shuttle"]
+    assert "bus" not in detector.check_prompt("bust").message.split()
+
+
+def test_phrase_that_holds_and_is_one_word_and_a_quoted_list_is_all_its_words(detector: OfflineVocabulary) -> None:
+    assert [word for word, _ in detector.check_prompt("Salt & pepper shakers").matches] == ["saltshaker"]
+    assert {word for word, _ in detector.check_prompt("vase and teapot").matches} == {"vase", "teapot"}
+    assert [word for word, _ in detector.check_prompt("a blue and white vase").matches] == ["vase"]
+
+
+@pytest.mark.parametrize("prompt", ["", "   ", "!?", "_"])
+def test_empty_prompt_says_what_to_type(detector: OfflineVocabulary, prompt: str) -> None:
+    with pytest.raises(PromptError, match="prompt is empty"):
+        detector.check_prompt(prompt)
+
+
+class _CountingEncoder:
+    """A sentence encoder that counts the calls with more than one text."""
+
+    def __init__(self, encoder: SentenceEncoder) -> None:
+        self._encoder, self.width, self.fingerprint = encoder, encoder.width, encoder.fingerprint
+        self.knows = encoder.knows
+        self.long_calls = 0
+
+    def encode(self, texts: list[str]) -> object:
+        self.long_calls += len(texts) > 1
+        return self._encoder.encode(texts[:1]).repeat(len(texts), axis=0)
+
+
+def test_vectors_of_the_classes_are_cached_and_computed_again_when_damaged(
+    encoder: SentenceEncoder, tmp_path: Path
+) -> None:
+    counting = _CountingEncoder(encoder)
+    for _ in range(2):
+        Vocabulary(counting, tmp_path).check("quantum flux")  # type: ignore[arg-type]
+    assert counting.long_calls == 1
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(b"half")
+    Vocabulary(counting, tmp_path).check("quantum flux")  # type: ignore[arg-type]
+    assert counting.long_calls == 2
