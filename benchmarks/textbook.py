@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from engine.core.arrays import Float32
 from engine.rasterizer.settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 
 __all__ = ["Ellipses", "ScalarRaster"]
@@ -24,7 +25,6 @@ __all__ = ["Ellipses", "ScalarRaster"]
 TILE = 16
 """Side of a tile in pixels."""
 
-Float32 = NDArray[np.float32]
 
 _ALPHA_MIN, _ALPHA_MAX, _T_MIN = np.float32(ALPHA_MIN), np.float32(ALPHA_MAX), np.float32(T_MIN)
 

@@ -11,6 +11,7 @@ from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 from numpy.typing import NDArray
 
 from ..engine.core.errors import ObjectError
+from ..engine.core.words import split_list
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.project.hand_edits import (
@@ -188,7 +189,7 @@ class HERITAGE_OT_merge_objects(_ObjectOperator):
         isolated = heritage_objects(context.scene, "OBJECT")
         if not self.names:
             return [obj for obj in isolated if obj.select_get()]
-        wanted = [name.strip() for name in self.names.split(";") if name.strip()]
+        wanted = split_list(self.names)
         by_name = {obj.name: obj for obj in isolated}
         if missing := [name for name in wanted if name not in by_name]:
             raise ObjectError(f"No isolated object is called {missing[0]!r}.")

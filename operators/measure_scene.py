@@ -7,11 +7,10 @@ from dataclasses import replace
 from typing import Annotated
 
 import bpy
-import numpy as np
 from bpy.app.translations import pgettext_n
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, IntProperty
-from numpy.typing import NDArray
 
+from ..engine.core.arrays import Float64
 from ..engine.core.errors import ObjectError, SettingsError
 from ..engine.scene import MeasuredDistance, Measurement, Point
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
@@ -29,7 +28,6 @@ from .view_clicking import ViewClickOperator
 
 __all__ = ["CLASSES"]
 
-Float64 = NDArray[np.float64]
 
 _N_POINTS = {"DISTANCE": 2, "RULER": 2, "NORTH": 2, "ORIGIN": 1, "GROUND": 0}
 """Points of each action; 0: three or more."""

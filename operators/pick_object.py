@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 import bpy
-import numpy as np
 from bpy.app.translations import pgettext_n
 from bpy.props import EnumProperty, FloatProperty, StringProperty
-from numpy.typing import NDArray
 
+from ..engine.core.arrays import Float64
 from ..engine.core.errors import ObjectError
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.project.visible_splats import (
@@ -22,8 +21,6 @@ from ..gaussian_heritage_addon.splats.properties import set_active_object
 from .view_clicking import ViewClickOperator
 
 __all__ = ["CLASSES"]
-
-Float64 = NDArray[np.float64]
 
 
 @blender_properties

@@ -6,8 +6,8 @@ import blf
 import bpy
 import numpy as np
 from bpy.app.translations import pgettext_n
-from numpy.typing import NDArray
 
+from ..engine.core.arrays import Float64
 from ..engine.core.errors import HeritageError
 from ..gaussian_heritage_addon.blender.problems import sentence_of
 from ..gaussian_heritage_addon.language.translations import translated
@@ -17,7 +17,6 @@ from .view_tool import ViewTool
 
 __all__ = ["ViewClickOperator"]
 
-Float64 = NDArray[np.float64]
 
 _MARK_SIZE = 24
 _MARK_COLOR = (1.0, 0.75, 0.2, 1.0)

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from engine.core.arrays import Float64
+
 __all__ = ["BoxRoom", "Projection", "looking_along", "rays"]
 
-Float64 = NDArray[np.float64]
 Projection = Literal["pinhole", "fisheye", "panorama"]
 
 _SIZE = (7.0, 5.0, 3.0)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from engine.cameras.settings import CameraSettings
+from engine.core.arrays import Float64
 
 from .sources import (
     QUICK,
@@ -35,7 +35,6 @@ from .sources import (
 
 __all__ = ["Kind", "PhotoCase", "photo_cases"]
 
-Float64 = NDArray[np.float64]
 Write = Callable[[Path], Path | None]
 Kind = Literal["sound", "zoom", "swapped", "mirrored", "duplicated", "other"]
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from engine.cameras import check_given_cameras, estimate_cameras, read_cameras
+from engine.core.arrays import Float64
 from engine.core.errors import HeritageError
 from engine.core.events import Event, Warned
 from engine.photos import read_photos
@@ -23,7 +23,6 @@ from .cases import Kind, PhotoCase
 
 __all__ = ["Outcome", "is_stored", "run_case"]
 
-Float64 = NDArray[np.float64]
 
 _OUTCOME = "outcome.json"
 _RIGHT = 0.03

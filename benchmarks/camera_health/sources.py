@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from benchmarks.rooms.draws import KEPT_ROOMS
 from benchmarks.rooms.keeping import unpack_room
 from engine.cameras import estimate_cameras
 from engine.cameras.settings import CameraSettings
+from engine.core.arrays import Float64
 from engine.photos import read_photos
 
 from .box_room import BoxRoom, Projection, looking_along, rays
@@ -42,7 +42,6 @@ __all__ = [
     "zoomed",
 ]
 
-Float64 = NDArray[np.float64]
 Pictures = Sequence[tuple[str, Image.Image]]
 
 _ROOT = Path(__file__).parents[2]

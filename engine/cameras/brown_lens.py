@@ -14,13 +14,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..scene import MAX_LENS_PARAMETER, Lens
 
 __all__ = ["BrownLens"]
 
-Float64 = NDArray[np.float64]
 
 _TOLERANCE = 2.5e-4
 """Largest error of a lens that COLMAP's models represent approximately, relative to the longest side: one pixel in

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
@@ -31,7 +32,6 @@ __all__ = [
     "turned_share",
 ]
 
-Float64 = NDArray[np.float64]
 
 _MIN_MATCHES = 30
 """Verified matches from which on a pair counts. Pairs with fewer are often wrong where patterns repeat."""
@@ -40,7 +40,7 @@ _PIXELS = 4.0
 _STRONGEST = 4
 """Partners of a photo, those with the most matches, that must agree with it."""
 _PANORAMA_ASPECT = 1.8
-"""Width by height of photos that can be panoramas: whole ones have 2, without their poles more."""  # by definition
+"""Width by height of photos that can be panoramas: whole ones have 2, without their poles more."""
 _PANORAMA_PAIRS = 8
 _BY_HOMOGRAPHY = (
     pycolmap.TwoViewGeometryConfiguration.PLANAR.value,

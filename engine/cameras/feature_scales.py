@@ -18,7 +18,6 @@ from .colmap_calls import opened_database
 
 __all__ = ["balanced_scales", "feature_sizes", "relative_scales", "scale_groups"]
 
-Float64 = NDArray[np.float64]
 
 _MIN_MATCHES = 15
 """Verified matches from which on a pair counts: COLMAP's own bound."""

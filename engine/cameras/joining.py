@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from .model_reading import SparsePoints
 from .orientation import GivenCamera
 
 __all__ = ["Part", "joined_parts"]
 
-Float64 = NDArray[np.float64]
 
 _MIN_COMMON = 2
 """Common photos that two parts need: a single one does not determine their scale."""

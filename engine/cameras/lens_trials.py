@@ -10,8 +10,8 @@ import copy
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.events import StopCheck
 from .colmap import pycolmap
@@ -19,10 +19,9 @@ from .colmap_calls import wait_for
 
 __all__ = ["LensTrial", "capped_error", "tried_lenses", "with_aspect"]
 
-Float64 = NDArray[np.float64]
 
 _LARGEST_ERROR = 10.0
-"""Pixels that one point counts at most: points that a trial throws behind a camera have no error."""  # by definition
+"""Pixels that one point counts at most: points that a trial throws behind a camera have no error."""
 _ITERATIONS = 30
 _POINTS_PER_PHOTO = 80
 """Points of a trial for each placed photo. More change no finding and take longer."""

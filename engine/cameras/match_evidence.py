@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
@@ -25,7 +25,6 @@ from .undistortion import require_valid_lens
 
 __all__ = ["orientations_by_matches"]
 
-Float64 = NDArray[np.float64]
 
 _MIN_MATCHES = 12
 """Matches of a pair that count."""

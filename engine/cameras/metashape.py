@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..scene import MAX_COORDINATE, MAX_PHOTO_SIDE
 from .brown_lens import BrownLens
@@ -23,7 +23,6 @@ from .safe_xml import numbers_of, parsed_xml
 
 __all__ = ["metashape_in_child"]
 
-Float64 = NDArray[np.float64]
 
 _ADVICE = "Export the cameras again as XML, or as a COLMAP model (File > Export > Export Cameras > Colmap)."
 _FRAME, _FISHEYE = ("frame",), ("fisheye", "equidistant_fisheye")

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float32, Floats
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from .colmap import pycolmap
@@ -19,8 +19,6 @@ from .pairs import MIN_QUICK_MATCHES, quick_match_rows, quick_matches
 
 __all__ = ["agreeing_as_mirrored", "mirrored_descriptors", "mirrored_photos"]
 
-Float = NDArray[np.floating]
-Float32 = NDArray[np.float32]
 
 _NEXT_PHOTOS = 3
 """Photos after each one, in the order of names, that it is compared with: usually its neighbours in space."""
@@ -85,7 +83,7 @@ def mirrored_photos(database: Path, names: Sequence[str], *, should_stop: StopCh
     return tuple(names[index] for index in smaller_side(len(names), links))
 
 
-def agreeing_as_mirrored(first: Float, second: Float) -> int:
+def agreeing_as_mirrored(first: Floats, second: Floats) -> int:
     """Return how many of the matches at [M, 2] and [M, 2] one epipolar geometry explains, with `second` mirrored."""
     options = pycolmap.RANSACOptions()
     options.max_error = _PIXELS

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
+
 __all__ = ["normalised_viewmat", "normalised_points", "original_from_world"]
 
-Float64 = NDArray[np.float64]
 
 _MIN_MEAN_LENGTH = 0.3
 """A mean of unit vectors that is shorter than this does not define a direction."""

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError, Cancelled, PhotoError
 from ..core.events import StopCheck
 from ..photos import load_pixels, stored_orientation
@@ -27,7 +28,6 @@ from .undistortion import require_valid_lens
 __all__ = ["GivenCamera", "OrientationChoice", "choose_orientations", "upright_cameras"]
 
 _LOG = logging.getLogger(__name__)
-Float64 = NDArray[np.float64]
 
 _SIDE = 320
 """Longest side of the photos in which colours are compared, pixels. Smaller than the details of points' colours."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
 
@@ -23,7 +24,6 @@ __all__ = [
     "quick_matches",
 ]
 
-Float32 = NDArray[np.float32]
 Pair = tuple[int, int]
 
 MIN_QUICK_MATCHES = 12

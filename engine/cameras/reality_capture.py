@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.files import read_bytes
 from ..scene import MAX_COORDINATE
@@ -28,7 +28,6 @@ from .safe_xml import numbers_of, parsed_xml
 
 __all__ = ["csv_in_child", "reality_capture_lens", "xmp_in_child"]
 
-Float64 = NDArray[np.float64]
 
 _CSV_ADVICE = (
     "Export the registration as Internal/External Camera Parameters (CSV) or as a COLMAP model, with the Brown3 "

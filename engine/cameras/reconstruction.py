@@ -10,13 +10,12 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..scene import Camera, CameraHealth, CameraSet
 from .colmap import pycolmap
 from .normalise import normalised_points, normalised_viewmat, original_from_world
 
 __all__ = ["camera_in_photo", "camera_set", "is_rotation", "is_scaled", "points_of", "viewmat_of"]
-
-Float64 = NDArray[np.float64]
 
 
 def viewmat_of(image: pycolmap.Image) -> Float64:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
@@ -18,8 +19,6 @@ from .reconstruction import points_of
 from .settings import CameraSettings
 
 __all__ = ["posed_model", "triangulate"]
-
-Float64 = NDArray[np.float64]
 
 
 def triangulate(

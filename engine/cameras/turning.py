@@ -10,14 +10,13 @@ Conventions: camera axes are x right, y down, z forward; pixels begin at the cor
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..scene import Lens, focal_and_center
 from .undistortion import require_valid_lens
 
 __all__ = ["MIRRORED", "MIRROR", "ORIENTATIONS", "turned_lens", "turned_pixels", "turned_size", "turned_viewmat"]
 
-Float64 = NDArray[np.float64]
 
 ORIENTATIONS = range(1, 9)
 MIRRORED = frozenset({2, 4, 5, 7})

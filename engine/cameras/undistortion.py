@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.files import parse_json, read_json
 from ..scene import Camera, Lens, PinholeCamera, focal_and_center, lens_pixels
@@ -34,7 +35,6 @@ __all__ = [
     "undistort",
 ]
 
-Float64 = NDArray[np.float64]
 Pixels = TypeVar("Pixels", bound=np.generic)
 Interpolation = Literal["linear", "nearest"]
 

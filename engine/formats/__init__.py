@@ -14,7 +14,7 @@ from .sog_writing import EncodePicture, write_sog
 from .spherical_harmonics import SH_C0
 from .splat import read_splat
 from .spz import read_spz, write_spz
-from .transform import logits_of, rotations_from_quats, transform_gaussians
+from .transform import logits_of, rotations_from_quats, transform_gaussians, unit_quats
 from .usd import has_openusd, write_usd
 from .usd_elsewhere import write_usd_elsewhere
 from .usd_reading import read_usd
@@ -43,6 +43,7 @@ __all__ = [
     "read_usd",
     "rotations_from_quats",
     "transform_gaussians",
+    "unit_quats",
     "write_glb",
     "write_ply",
     "write_sog",

@@ -1,17 +1,22 @@
-"""What the readers of both formats check: memory before a file is read, values after."""
+"""What readers of Gaussians share: opening a file, checks of memory before it is read, and of the values after."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError
+from ..core.files import opened
 from ..core.system import free_memory
 from ..scene import Gaussians
 
-__all__ = ["require_memory", "usable_rows"]
+__all__ = ["opened_with_size", "require_memory", "usable_rows"]
 
 _ALWAYS_FREE = 128 << 20
 _ROWS_PER_CHUNK = 1 << 14
@@ -22,6 +27,21 @@ _SURELY_WITHIN = 1e35
 """Sum of squares, rounded as float32, below which no value is beyond `_MAX_VALUE`."""
 _MAX_LOG_SCALE = 41.0
 """Logarithm of about `_MAX_VALUE`."""
+
+
+@contextlib.contextmanager
+def opened_with_size(path: Path) -> Iterator[tuple[IO[bytes], int]]:
+    """Open a file for reading, and return its stream at the beginning and its size in bytes.
+
+    Raises
+    ------
+    FormatError
+        When it cannot be opened or read.
+    """
+    with opened(path, advice="Check the path and its permissions.") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
+        yield stream, size
 
 
 def require_memory(path: Path, n_bytes: int) -> None:

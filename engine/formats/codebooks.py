@@ -8,15 +8,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
+
 __all__ = ["codebook", "palette"]
 
-Float32 = NDArray[np.float32]
 
-_BINS = 1 << 14  # by definition
+_BINS = 1 << 14
 """Steps of the range of the numbers, each of which counts as one value with a weight."""
-_COARSE_BINS = 512  # by definition
+_COARSE_BINS = 512
 """Steps of the range in which the density of the numbers is found, for the start."""
-_ROUNDS = 30  # by definition
+_ROUNDS = 30
 """Rounds of Lloyd's algorithm; the error then falls by less than a thousandth in a round."""
 
 

@@ -13,6 +13,7 @@ from typing import IO, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from ..core.errors import FormatError
 from ..scene import Gaussians
 from .bounds import require_memory
@@ -22,7 +23,6 @@ from .transform import logits_of
 
 __all__ = ["read_compressed"]
 
-Floats = NDArray[np.float32]
 
 _CHUNK = 256
 """Gaussians of a chunk."""
@@ -61,7 +61,7 @@ def read_compressed(stream: IO[bytes], header: Header, path: Path, size: int, ad
         raise FormatError(f"{path} has {len(chunks)} chunks for {len(vertices)} Gaussians, which are too few. {advice}")
     of = np.arange(len(vertices)) // _CHUNK
 
-    def in_range(values: Floats, prefix: str, axes: str) -> Floats:
+    def in_range(values: Float32, prefix: str, axes: str) -> Float32:
         if f"min_{prefix}{axes[0]}" not in (chunks.dtype.names or ()):
             return values  # Older files have no ranges of colours.
         low, high = (np.stack([chunks[f"{end}_{prefix}{axis}"] for axis in axes], axis=1)[of] for end in ("min", "max"))
@@ -102,7 +102,7 @@ def _check(element: Element, path: Path) -> None:
         )
 
 
-def _bits(packed: NDArray[Any], widths: tuple[int, ...]) -> Floats:
+def _bits(packed: NDArray[Any], widths: tuple[int, ...]) -> Float32:
     """Return the numbers, [n, parts] in [0, 1], that are packed from the highest bit on."""
     shift, parts = 32, []
     for width in widths:
@@ -113,7 +113,7 @@ def _bits(packed: NDArray[Any], widths: tuple[int, ...]) -> Floats:
     return np.stack(parts, axis=1)
 
 
-def _rotations(packed: NDArray[Any]) -> Floats:
+def _rotations(packed: NDArray[Any]) -> Float32:
     """Return quaternions wxyz of unit length, [n, 4]."""
     three = (_bits(packed << np.uint32(2), (10, 10, 10)) - 0.5) * np.float32(2**0.5)
     largest = (packed >> np.uint32(30)).astype(int)
@@ -125,7 +125,7 @@ def _rotations(packed: NDArray[Any]) -> Floats:
     return quats
 
 
-def _harmonics(rows: NDArray[np.void]) -> Floats:
+def _harmonics(rows: NDArray[np.void]) -> Float32:
     """Return the coefficients of the bands above 0, [n, coefficients, 3]."""
     names = rows.dtype.names or ()
     table = rows.view(np.uint8).reshape(len(rows), 3, len(names) // 3).transpose(0, 2, 1)

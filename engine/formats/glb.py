@@ -31,7 +31,7 @@ from .origin import require_near
 from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .spherical_harmonics import SH_C0
-from .transform import AffineMap, logits_of, transform_gaussians
+from .transform import AffineMap, logits_of, transform_gaussians, unit_quats
 
 __all__ = ["EXTENSION", "read_glb", "write_glb"]
 
@@ -146,7 +146,7 @@ def _attributes(
 ) -> dict[str, _Attribute]:
     attributes = {
         "POSITION": _Attribute(3, lambda part: gaussians.means[part]),
-        _ROTATION: _Attribute(4, lambda part: np.roll(_unit(gaussians.quats[part]), -1, axis=1)),
+        _ROTATION: _Attribute(4, lambda part: np.roll(unit_quats(gaussians.quats[part].astype(float)), -1, axis=1)),
         _SCALE: _Attribute(3, lambda part: gaussians[part].scales),
         _OPACITY: _Attribute(1, lambda part: gaussians[part].opacities),
     }
@@ -163,11 +163,6 @@ def _attributes(
 
 def _coefficient(gaussians: Gaussians, index: int) -> Callable[[slice], NDArray[Any]]:
     return lambda part: gaussians.sh[part, index]
-
-
-def _unit(quats: NDArray[np.float32]) -> NDArray[np.float64]:
-    lengths = np.linalg.norm(quats.astype(np.float64), axis=1, keepdims=True)
-    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
 
 
 def _fallback_color(gaussians: Gaussians) -> NDArray[np.float64]:

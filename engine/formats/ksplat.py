@@ -9,7 +9,6 @@ bucket, and level 2 harmonics in 8 bits. Values are in the axes of the file that
 
 from __future__ import annotations
 
-import os
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError
-from ..core.files import opened
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
-from .bounds import require_memory, usable_rows
+from .bounds import opened_with_size, require_memory, usable_rows
 from .splat import coefficients_of, log_scales_of
 from .transform import AffineMap, logits_of
 
@@ -54,9 +52,7 @@ def read_ksplat(path: Path, *, up: Up | None = None) -> Gaussians:
     FormatError
         When the file cannot be read, is not KSPLAT, has another version or is truncated, or has values that cannot be.
     """
-    with opened(path, advice="Check the path and its permissions.") as stream:
-        size = stream.seek(0, os.SEEK_END)
-        stream.seek(0)
+    with opened_with_size(path) as (stream, size):
         head = stream.read(_HEADER)
         if len(head) < _HEADER or head[0] != 0 or head[1] == 0:
             raise FormatError(f"{path} is not a KSPLAT file of a version that is known (0.1). Choose another file.")

@@ -11,7 +11,6 @@ Rows are read and written in chunks, so that the Gaussians are in memory once.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError, NumericalError
-from ..core.files import atomic_write, opened
+from ..core.files import atomic_write
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
-from .bounds import require_memory, usable_rows
+from .bounds import opened_with_size, require_memory, usable_rows
 from .compressed_ply import read_compressed
 from .origin import far_origin, moved_far
 from .ply_header import Header, read_header, require_rows, skip_to
@@ -38,7 +37,7 @@ _ARRAYS = ("means", "log_scales", "quats", "opacity_logits", "sh")
 _REST_COUNTS = (0, 9, 24, 45)
 _ROWS_PER_CHUNK = 1 << 12
 """Gaussians read or written at once: their table stays in the processor's cache."""
-_UNTURNED = 1e-6  # by definition
+_UNTURNED = 1e-6
 """Difference from the identity up to which a transform changes nothing; Blender's matrices are float32."""
 _FLAT = float(np.log(1e-6))
 """Third log-scale of 2D Gaussians, which have two: that of SuperSplat and splat-transform."""
@@ -264,9 +263,7 @@ def read_ply_file(
         When the file cannot be read, is not a PLY or has no Gaussians, is truncated or ASCII, or has values that are
         not finite or too large. Nothing is allocated for more Gaussians than the file has bytes for.
     """
-    with opened(path, advice="Check the path and its permissions.") as stream:
-        size = stream.seek(0, os.SEEK_END)
-        stream.seek(0)
+    with opened_with_size(path) as (stream, size):
         header = read_header(stream, path, advice)
         if any(element.name == "chunk" for element in header.elements):
             gaussians = read_compressed(stream, header, path, size, advice)

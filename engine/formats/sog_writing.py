@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..core.arrays import Pixels
 from ..core.errors import FormatError
 from ..core.files import atomic_write
 from ..scene import Gaussians
@@ -31,7 +32,6 @@ __all__ = ["EncodePicture", "write_sog"]
 EncodePicture = Callable[[NDArray[np.uint8]], bytes]
 """Returns pixels [H, W, 4] as lossless WebP; the colours of pixels with an alpha of 0 may change."""
 
-Bytes = NDArray[np.uint8]
 
 _LARGEST_PALETTE = 1 << 16
 _MORTON_BITS = 21
@@ -92,7 +92,7 @@ def write_sog(
     }
     with atomic_write(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
 
-        def put(name: str, pixels: Bytes) -> str:
+        def put(name: str, pixels: Pixels) -> str:
             archive.writestr(zipfile.ZipInfo(name, _DATE), encode(pixels))
             return name
 
@@ -105,7 +105,7 @@ def write_sog(
         archive.writestr(zipfile.ZipInfo(META, _DATE), json.dumps(meta, ensure_ascii=False))
 
 
-Put = Callable[[str, Bytes], str]
+Put = Callable[[str, Pixels], str]
 
 
 def _put_means(means: NDArray[np.float32], put: Put) -> dict[str, Any]:
@@ -155,7 +155,7 @@ def _full(book: NDArray[np.float32]) -> list[float]:
     return [*book.tolist(), *[float(book[-1])] * (256 - len(book))]
 
 
-def _packed_rotations(quats: NDArray[np.float32]) -> Bytes:
+def _packed_rotations(quats: NDArray[np.float32]) -> Pixels:
     """Return three components of 8 bits, and 252 and the index of the largest, of wxyz."""
     wide = quats.astype(np.float64)
     lengths = np.linalg.norm(wide, axis=1, keepdims=True)
@@ -168,13 +168,13 @@ def _packed_rotations(quats: NDArray[np.float32]) -> Bytes:
     return np.concatenate([steps, 252 + largest[:, None]], axis=1).astype(np.uint8)
 
 
-def _opaque(values: NDArray[np.integer]) -> Bytes:
+def _opaque(values: NDArray[np.integer]) -> Pixels:
     """Return three channels [N, 3] with an alpha of 255."""
     alpha = np.full((len(values), 1), 255)
     return np.concatenate([values, alpha], axis=1).astype(np.uint8)
 
 
-def _grid(pixels: Bytes) -> Bytes:
+def _grid(pixels: Pixels) -> Pixels:
     """Return the pixels [N, 4] row by row as a picture [H, W, 4], whose sides are multiples of 4."""
     count = len(pixels)
     width = 4 * math.ceil(math.sqrt(count) / 4)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..core.arrays import Float64
 
 __all__ = ["SH_C0", "orthogonal_sh_matrix", "sh_basis"]
 
-Float64 = NDArray[np.float64]
 
 SH_C0 = 0.28209479177387814
 """Value of the constant basis function, 1 / (2 sqrt(pi)). Colour = 0.5 + SH_C0 * sh[:, 0] for degree 0."""

@@ -6,7 +6,6 @@ in 8 bits each, where 128 is 0. There are no harmonics. Values are in the axes o
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError
-from ..core.files import opened
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
-from .bounds import require_memory, usable_rows
+from .bounds import opened_with_size, require_memory, usable_rows
 from .spherical_harmonics import SH_C0
 from .transform import AffineMap, logits_of
 
@@ -41,9 +39,7 @@ def read_splat(path: Path, *, up: Up | None = None) -> Gaussians:
     FormatError
         When the file cannot be read, is not made of such rows, or has values that cannot be.
     """
-    with opened(path, advice="Check the path and its permissions.") as stream:
-        size = stream.seek(0, os.SEEK_END)
-        stream.seek(0)
+    with opened_with_size(path) as (stream, size):
         count = size // _ROW.itemsize
         if size % _ROW.itemsize or not count:
             raise FormatError(

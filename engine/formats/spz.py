@@ -45,9 +45,9 @@ _LARGEST = 2**23 - 1
 """Largest step of a position."""
 _MOST_FRACTION_BITS = 22
 """Most bits behind the point of a position."""
-_STEPS_PER_EXTENT = 2**13  # by definition
+_STEPS_PER_EXTENT = 2**13
 """Steps between the origin and the place within which 99 % of the Gaussians lie: 0.1 mm for an object of a metre."""
-_LEVEL = 5  # by definition
+_LEVEL = 5
 """Level of compression: the next one takes twice as long and saves a hundredth."""
 _COLOR_SCALE = 0.15
 """Width of a colour coefficient in the range of its 8 bits."""

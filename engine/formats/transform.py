@@ -6,17 +6,19 @@ Quaternions are wxyz; a rotation matrix R maps own axes to world axes (column ve
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import NumericalError
 from ..scene import Gaussians
 from .spherical_harmonics import orthogonal_sh_matrix
 
 __all__ = ["AffineMap", "logits_of", "quats_from_rotations", "rotations_from_quats", "transform_gaussians"]
 
-Float64 = NDArray[np.float64]
+_Float = TypeVar("_Float", np.float32, np.float64)
 
 _ROWS_PER_CHUNK = 1 << 9
 """Gaussians transformed at once: intermediate values stay in the processor's cache, and products of matrices are so
@@ -162,11 +164,15 @@ def _multiply_quats(left: Float64, right: NDArray[np.float32]) -> NDArray[np.flo
     return product
 
 
+def unit_quats(quats: NDArray[_Float]) -> NDArray[_Float]:
+    """Return quaternions [N, 4] at unit length, in the precision given; a zero quaternion becomes the identity."""
+    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
+    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0)).astype(quats.dtype)
+
+
 def rotations_from_quats(quats: NDArray[np.floating]) -> Float64:
     """Return rotation matrices [N, 3, 3], float64, of wxyz quaternions [N, 4]; a zero quaternion gives the identity."""
-    quats = quats.astype(np.float64)
-    norms = np.linalg.norm(quats, axis=1, keepdims=True)
-    w, x, y, z = np.where(norms > 0, quats / np.where(norms > 0, norms, 1), (1.0, 0.0, 0.0, 0.0)).T
+    w, x, y, z = unit_quats(quats.astype(np.float64)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

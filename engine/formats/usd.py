@@ -27,7 +27,7 @@ from ..scene import Gaussians
 from .origin import require_near
 from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
-from .transform import transform_gaussians
+from .transform import transform_gaussians, unit_quats
 
 __all__ = ["PRIM_TYPE", "has_openusd", "require_openusd", "write_usd"]
 
@@ -105,7 +105,7 @@ def write_usd(
     put("scales", Vt.Vec3fArray.FromNumpy(turned.scales))
     put("opacities", Vt.FloatArray.FromNumpy(turned.opacities))
     # In memory, as NumPy sees it, OpenUSD's real part is last.
-    xyzw = np.roll(_unit(turned.quats), -1, axis=1)
+    xyzw = np.roll(unit_quats(turned.quats), -1, axis=1)
     put("orientations", Vt.QuatfArray.FromNumpy(np.ascontiguousarray(xyzw)))
     put("radiance:sphericalHarmonicsDegree", turned.sh_degree)
     coefficients = np.ascontiguousarray(turned.sh.reshape(-1, 3))
@@ -146,11 +146,6 @@ def require_openusd(otherwise: str) -> None:
         raise EnvironmentProblem(
             f"OpenUSD {version} does not know {PRIM_TYPE}, which 26.03 and newer do. Update usd-core, {otherwise}."
         )
-
-
-def _unit(quats: NDArray[np.float32]) -> NDArray[np.float32]:
-    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
-    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0)).astype(np.float32)
 
 
 def _save(layer: Any, path: Path) -> None:

@@ -6,7 +6,6 @@ Blender, the program of this process is Blender.
 
 from __future__ import annotations
 
-import os
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +16,9 @@ from numpy.typing import NDArray
 
 from ..core.child_process import ChildFailure, run_in_child
 from ..core.errors import FormatError
-from ..core.files import opened
 from ..scene import Gaussians
 from .axes import z_up_from_y_up
-from .bounds import require_memory, usable_rows
+from .bounds import opened_with_size, require_memory, usable_rows
 from .ply import read_ply, write_ply
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .transform import logits_of
@@ -48,9 +46,8 @@ def read_usd(path: Path) -> Gaussians:
         When the file cannot be read, has no such prim or several, takes parts from other files, or has values that are
         missing, not finite or too large.
     """
-    with opened(path, advice="Check the path and its permissions.") as stream:
-        size = stream.seek(0, os.SEEK_END)
-    require_memory(path, 3 * size)
+    with opened_with_size(path) as (_, size):
+        require_memory(path, 3 * size)
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "gaussians.ply"
         try:

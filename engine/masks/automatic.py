@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck, never_stop
 from .generator import CANCELLED_MESSAGE, generate_grid_masks, stability_score
@@ -26,7 +27,6 @@ from .settings import MaskSettings
 
 __all__ = ["label_map_size", "paint_labels", "segment_everything"]
 
-Mask = NDArray[np.bool_]
 
 # No two clicks are closer than this many low-resolution pixels (of 256).
 _MIN_CLICK_DISTANCE = 6

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..core.arrays import Mask
 from ..core.errors import Cancelled, MaskError
 from ..core.events import Emit, Progress, StopCheck, Warned
 from ..core.files import atomic_write
@@ -27,7 +28,6 @@ from .sam import INPUT_SIDE, Embedding, SegmentAnything
 
 __all__ = ["make_foreground_masks"]
 
-Mask = NDArray[np.bool_]
 
 _LOOK_SIDE = 256
 """Longest side in pixels at which photos are compared for what moves."""

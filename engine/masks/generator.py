@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from .mask_geometry import mask_box
@@ -18,7 +19,6 @@ from .settings import MaskSettings
 
 __all__ = ["CANCELLED_MESSAGE", "generate_grid_masks", "stability_score"]
 
-Mask = NDArray[np.bool_]
 
 CANCELLED_MESSAGE = "Stopped while segmenting a photo; the label maps of earlier photos are kept."
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ..core.arrays import Float32, Mask
 
 __all__ = ["box_ious", "mask_box", "mask_iou"]
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 
 def mask_iou(first: Mask, second: Mask) -> float:

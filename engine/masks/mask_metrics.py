@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Mask
+from ..pictures.settings import INSTANCE_COSINE
 from . import mask_iou
 
 __all__ = ["boundary", "boundary_iou", "feature_agreement", "halo", "holes", "iou", "stray"]
-
-Mask = NDArray[np.bool_]
 
 
 def iou(predicted: Mask | None, truth: Mask) -> float:
@@ -141,7 +141,7 @@ def feature_agreement(
     labels: NDArray[np.integer],
     *,
     alpha: NDArray[np.floating] | None = None,
-    cosine: float = 0.7,
+    cosine: float = INSTANCE_COSINE,
     min_pixels: int = 100,
 ) -> float:
     """Return how well rendered features reproduce the segments of a label map that they were not trained on.

@@ -27,20 +27,20 @@ from ..install.models import one_thread
 
 __all__ = ["TorchDecoder"]
 
-_HEADS = 8  # by definition
-_SIDE = 64  # by definition
+_HEADS = 8
+_SIDE = 64
 """Cells of an embedding along each side. A cell has 4 x 4 low-resolution pixels."""
-_PIXELS = 1024  # by definition
-_CELL_PIXELS = 16  # by definition
+_PIXELS = 1024
+_CELL_PIXELS = 16
 """Low-resolution pixels per cell."""
-_NOT_A_POINT = -1  # by definition
+_NOT_A_POINT = -1
 _CERTAIN_LOGIT = 4.0  # chosen on room_1, room_4, room_6
 """The mask's border is not near where a cell and its neighbours have higher logits, or lower than the negative."""
 _UNSTABLE_BY = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, museum_room, store_room
 """How far the stability of one pixel per cell must be below the smallest allowed one that a mask is given up."""
 _MIN_SAMPLES = 32  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, museum_room, store_room
 """Smallest number of cells with a logit above -1 from which the stability is estimated."""
-_PIECE_CELLS = 512  # by definition
+_PIECE_CELLS = 512
 """Cells that are computed together: at most 1 MB of values, which stays in the cache of a core."""
 
 Weights = Mapping[str, NDArray[np.float32]]

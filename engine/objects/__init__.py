@@ -29,11 +29,9 @@ if TYPE_CHECKING:
         taken_ids,
     )
     from .views import View, Views, erode_mask, spread_cameras
-    from .votes import THRESHOLD
 
 __all__ = [
     "CANDIDATES",
-    "THRESHOLD",
     "ClickMasks",
     "ClickPrompt",
     "DetectorFactory",

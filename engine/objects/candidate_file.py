@@ -11,10 +11,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ..core.arrays import Mask, Pixels
 from ..core.errors import FormatError, PromptError
 from ..core.files import delete_derived, optional, read_json, write_json
 from ..pictures import write_png
-from .arrays import Mask, Pixels
 from .lifting import FoundObject
 from .photos import Photos
 
@@ -22,7 +22,7 @@ __all__ = ["CANDIDATES", "StoredCandidate", "cut_out", "forget_candidates", "loa
 
 CANDIDATES = "objects/candidates.json"
 _PICTURES, _MASK = "objects/_candidates", "objects/_candidates/{}-mask.png"
-_VERSION = 1  # by definition
+_VERSION = 1
 _ADVICE = "Ask for the text again."
 _SCHEMA = {
     "version": int,
@@ -33,7 +33,18 @@ _SCHEMA = {
 
 @dataclass(frozen=True)
 class StoredCandidate:
-    """A candidate that the user may still accept: its text, its score, and its mask in a photo."""
+    """A candidate that the user may still accept.
+
+    Attributes
+    ----------
+    text : str
+        Refused text.
+    score : float
+        0 to 1.
+    photo : str
+    mask : Path
+        Picture of the size of the photo.
+    """
 
     text: str
     score: float
@@ -58,11 +69,27 @@ def remember_candidates(
     alike: Sequence[str] = (),
     same: Sequence[str | None] = (),
 ) -> None:
-    """Store a refused text, why it was refused, and its nearest candidates, the best first, which need `photos`.
+    """Store a refused text, why it was refused, and its nearest candidates. Those of other texts stay.
 
-    Those of other texts stay. `suggestions` are texts that may have been meant, `alike` the ids of stored objects whose
-    names are spelt nearly like the text, and `same`, for each candidate, the id of the object that it is. Raises
-    `DiskError` when a file cannot be written.
+    Parameters
+    ----------
+    project : Path
+    text, message : str
+    candidates : sequence of FoundObject
+        The best first.
+    photos : Photos or None
+        Needed where there are candidates.
+    suggestions : sequence of str
+        Texts that may have been meant.
+    alike : sequence of str
+        Ids of stored objects whose names are spelt nearly like the text.
+    same : sequence of (str or None)
+        For each candidate, the id of the object that it is.
+
+    Raises
+    ------
+    DiskError
+        When a file cannot be written.
     """
     stored = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
     refused = [entry for entry in stored["refused"] if entry["text"] != text] + [
@@ -97,7 +124,18 @@ def remember_candidates(
 
 
 def cut_out(pixels: Pixels, mask: Mask) -> Pixels:
-    """Return a crop of the photo around what is shown, whose `mask` has the full size, with darkened surroundings."""
+    """Return a crop of the photo around what is shown, with darkened surroundings.
+
+    Parameters
+    ----------
+    pixels : array of shape [h, w, 3], uint8
+    mask : array of shape [H, W], bool
+        Of the full size of the photo.
+
+    Returns
+    -------
+    array of shape [rows, columns, 3], uint8
+    """
     # No mean over an area is 0 that a pixel of the mask lies in.
     inside = cv2.resize(mask.astype(np.float32), pixels.shape[1::-1], interpolation=cv2.INTER_AREA) > 0
     x, y, width, height = cv2.boundingRect(inside.astype(np.uint8))
@@ -107,7 +145,15 @@ def cut_out(pixels: Pixels, mask: Mask) -> Pixels:
 
 
 def load_candidate(project: Path, number: int) -> StoredCandidate:
-    """Return the candidate with that number. Raises `PromptError` if there is none, `FormatError` for damage."""
+    """Return the candidate with that number.
+
+    Raises
+    ------
+    PromptError
+        When there is none.
+    FormatError
+        When the file is damaged.
+    """
     if not (project / CANDIDATES).is_file():
         raise PromptError("There are no candidates to accept: the last text was not refused. Ask for a text first.")
     stored = {entry["number"]: entry for entry in _read(project)["candidates"]}

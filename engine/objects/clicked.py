@@ -8,22 +8,26 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .arrays import Mask
+from ..core.arrays import Mask
 from .context import SegmentationContext
 from .evidence import evidence_of_places, places_in
 from .prompts import Point, camera_of_prompt
-from .votes import THRESHOLD
 
 __all__ = ["ClickMasks", "click_masks"]
 
 
 @dataclass(frozen=True)
 class ClickMasks:
-    """Masks of a photo, bool [H, W] of its full size after EXIF rotation.
+    """Masks of a photo, each empty without such clicks or without an object.
 
-    `wanted` is what the clicks on the object show, without what is `unwanted`, the masks of the clicks beside it;
-    `present` is where the object that is corrected is visible now. A mask without such clicks, or without an object,
-    is empty.
+    Attributes
+    ----------
+    wanted : array of shape [H, W], bool
+        What the clicks on the object show, without `unwanted`. H and W are the full size after EXIF rotation.
+    unwanted : array of shape [H, W], bool
+        What the excluded clicks show.
+    present : array of shape [H, W], bool
+        Where the object that is corrected is visible now.
     """
 
     wanted: Mask
@@ -38,11 +42,24 @@ def click_masks(
     excluded: Sequence[Point],
     members: Mask | None = None,
 ) -> ClickMasks:
-    """Return what the engine takes clicks on `photo` for; those on other photos change nothing here.
+    """Return what the engine takes clicks on a photo for: the masks that `isolate` and `refine` begin with.
 
-    `members`, bool [N], are the Gaussians of the object that is corrected. These are the masks that `isolate` and
-    `refine` begin with. The first call for a photo renders it, and for excluded clicks loads SAM's embedding; further
-    ones take hundredths of a second. Raises `PromptError` for a click outside of the photo, or an unknown photo.
+    The first call for a photo renders it, and for excluded clicks loads SAM's embedding; further ones take hundredths
+    of a second.
+
+    Parameters
+    ----------
+    context : SegmentationContext
+    photo : str
+    clicks, excluded : sequence of Point
+        Those on other photos change nothing here.
+    members : array of shape [N], bool, or None
+        Gaussians of the object that is corrected.
+
+    Raises
+    ------
+    PromptError
+        For an unknown photo, or a click outside of its photo.
     """
     here, beside = places_in(photo, clicks), places_in(photo, excluded)
     for point in (*clicks, *excluded):
@@ -55,6 +72,5 @@ def click_masks(
     if beside:
         small, _ = context.photos.segment(camera, points=beside, outside=here)
         unwanted = cv2.resize(small.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    visible = None if members is None else context.views.visible_share(view, members) > THRESHOLD
-    present = nothing if visible is None else view.to_photo(visible)
+    present = nothing if members is None else view.to_photo(context.views.visible(view, members))
     return ClickMasks(wanted & ~unwanted, unwanted, present)

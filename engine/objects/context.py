@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ..core.arrays import Float32, Int32
 from ..core.errors import Cancelled, EnvironmentProblem, FormatError
 from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
 from ..pictures import Scene
 from ..project.folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
-from .arrays import Float32, Int32
 from .graph import SceneGraph, load_or_build_graph
 from .photos import Photos, SamFactory
 from .settings import SegmentSettings
@@ -33,9 +33,21 @@ Made = TypeVar("Made")
 class SegmentationContext:
     """A trained scene with what is needed to isolate objects of it.
 
-    `label_maps` are SAM's, [h, w], by photo; there may be none. `detector_factory` is called when a detector is first
-    needed; for `emit` and `should_stop` see `engine.core.events`. What is computed once for all prompts is `kept` in
-    memory, and in the `folder` unless it is None.
+    Attributes
+    ----------
+    views : Views
+    photos : Photos
+    label_maps : mapping of str to array of shape [h, w], int32
+        SAM's, by photo; there may be none.
+    settings : SegmentSettings
+    detector_factory : callable
+        Called when a detector is first needed.
+    emit, should_stop : callable
+        See `engine.core.events`.
+    folder : Path or None
+        Where what is computed once for all prompts is kept on disk; None keeps it in memory alone.
+    kept : dict
+        The same in memory, by name.
     """
 
     views: Views
@@ -61,7 +73,7 @@ class SegmentationContext:
 
     @property
     def graph(self) -> SceneGraph:
-        """The graph of the scene, made at its first use; raises `Cancelled` when that is stopped."""
+        """The graph of the scene, made at its first use. Raises `Cancelled` when that is stopped."""
         file = None if self.folder is None else self.folder / "graph.npz"
         return self.once("graph", lambda: load_or_build_graph(
             file, self.views, self.label_maps, n_views=self.settings.n_vote_views, should_stop=self.should_stop
@@ -77,7 +89,19 @@ class SegmentationContext:
         return replace(self, emit=part_of(self.emit, number, count))
 
     def tell(self, fraction: float, message: str) -> None:
-        """Emit the progress, 0 to 1, and raise `Cancelled` when the user stops."""
+        """Emit the progress.
+
+        Parameters
+        ----------
+        fraction : float
+            0 to 1.
+        message : str
+
+        Raises
+        ------
+        Cancelled
+            When the user stops.
+        """
         self.emit(Progress("objects", fraction, message=message))
         self.check_stop()
 
@@ -99,8 +123,19 @@ def load_context(
 ) -> SegmentationContext:
     """Return the context of a trained project.
 
-    `device` renders the views and counts the votes; what is stored does not depend on it, but for rounding. Raises
-    `HeritageError` when a part of the project is missing or damaged.
+    Parameters
+    ----------
+    project : ProjectFolder
+    settings : SegmentSettings
+    detector_factory, sam_factory : callable
+    device : Device
+        Renders the views and counts the votes. What is stored does not depend on it, but for rounding.
+    emit, should_stop : callable
+
+    Raises
+    ------
+    HeritageError
+        When a part of the project is missing or damaged.
     """
     from ..masks import EmbeddingFolder
     from ..scene import read_camera_set
@@ -134,7 +169,13 @@ def scene_on(device: Device, gaussians: Gaussians, emit: Emit) -> Scene:
 
 
 def photo_folder_of(project: ProjectFolder) -> Path:
-    """Return the folder of a project's photos; raises `FormatError` when the project does not name it."""
+    """Return the folder of a project's photos.
+
+    Raises
+    ------
+    FormatError
+        When the project does not name it.
+    """
     folder = project.get("photo_folder")
     if not isinstance(folder, str):
         raise FormatError(f"{project.path / 'project.json'} does not say where the photos are. Reconstruct again.")

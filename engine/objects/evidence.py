@@ -14,16 +14,16 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..core.arrays import Float32, Floats, Mask
 from ..core.errors import PromptError
-from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
 from .graph import N_NEIGHBOURS
 from .grounding import Detector
-from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
+from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Place, Point, camera_of_prompt, load_mask
 from .settings import PAPER
 from .spatial import parse_spatial
 from .views import View, Views
-from .votes import THRESHOLD, MaskEvidence
+from .votes import MaskEvidence
 
 __all__ = [
     "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
@@ -31,16 +31,31 @@ __all__ = [
     "require_known", "require_mask",
 ]  # fmt: skip
 
-_MAX_MEANT = 3  # by definition
+_MAX_MEANT = 3
+"""Texts that are suggested for an unknown one."""
 
-_PART = 0.1  # chosen on museum_room
-"""Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""
+_MAX_NEAREST = 5
+"""Known words that the message about an unknown text lists."""
+
+_SPOT_RADIUS = 2
+"""Radius of a clicked place in pixels of the view's frame: a smaller spot may fall between the pixels of the frame."""
+
+_MIN_PART_WEIGHT = 0.1  # chosen on museum_room
+"""Smallest weight of a connected part relative to the heaviest: an occluder cuts off more than that."""
+
+_CELL_WIDTH = 0.1  # chosen on museum_room
+"""Width of the cells that connect points, relative to the radius of what the mask shows."""
 
 
 def find_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: SegmentationContext) -> list[MaskEvidence]:
     """Return masks that show the object of `prompt`, at least one, and those of what does not belong to it.
 
-    Raises `PromptError` when no mask was found at a place or in a box, `MaskError` when a given mask cannot be used.
+    Raises
+    ------
+    PromptError
+        When the photo is unknown, or no mask was found at a place or in a box.
+    MaskError
+        When a given mask cannot be used.
     """
     if isinstance(prompt, ClickPrompt):
         return evidence_of_clicks(prompt.clicks, prompt.excluded, context)
@@ -60,7 +75,13 @@ def find_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: Segment
 def evidence_of_clicks(
     clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
 ) -> list[MaskEvidence]:
-    """Return one mask for each clicked photo, without SAM, and those of `evidence_of_exclusions`; errors as there."""
+    """Return one mask for each clicked photo, without SAM, and those of `evidence_of_exclusions`.
+
+    Raises
+    ------
+    PromptError
+        For a click outside of its photo, or an excluded one where no mask was found.
+    """
     shown = [evidence_of_places(places, view, context) for view, places in clicks_by_photo(clicks, context)]
     return [*shown, *evidence_of_exclusions(clicks, excluded, context)]
 
@@ -68,9 +89,19 @@ def evidence_of_clicks(
 def evidence_of_exclusions(
     clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
 ) -> list[MaskEvidence]:
-    """Return SAM's mask of the excluded clicks of each photo, with the other `clicks` as its background points.
+    """Return SAM's mask of the excluded clicks of each photo.
 
-    Raises `PromptError` for a click outside of its photo, or where no mask was found.
+    Parameters
+    ----------
+    clicks : sequence of Point
+        Clicks on the object: background points for SAM in the same photo.
+    excluded : sequence of Point
+    context : SegmentationContext
+
+    Raises
+    ------
+    PromptError
+        For a click outside of its photo, or where no mask was found.
     """
     evidence = []
     for view, places in clicks_by_photo(excluded, context):
@@ -84,8 +115,20 @@ def evidence_of_places(places: Sequence[Place], view: View, context: Segmentatio
     """Return what clicked places of a view show: where the photo has segments, those under the clicks.
 
     A segment is often only a part of the object. Known are therefore the Gaussians with a feature like that of a
-    clicked pixel, as far as they are connected to what the mask shows. `places` are x, y in pixels of the picture of
-    `view`, which is that of a photo or of any other camera (`Views.from_anywhere`).
+    clicked pixel, as far as they are connected to what the mask shows.
+
+    Parameters
+    ----------
+    places : sequence of (float, float)
+        x, y in pixels of the picture of `view`.
+    view : View
+        That of a photo, or of any other camera (`Views.from_anywhere`).
+    context : SegmentationContext
+
+    Raises
+    ------
+    PromptError
+        For a place on the rim that the frame of the view does not show.
     """
     columns, rows = np.transpose([pixel_of(view, x, y) for x, y in places])
     mask = np.zeros(view.within.shape, bool)
@@ -102,12 +145,23 @@ def evidence_of_places(places: Sequence[Place], view: View, context: Segmentatio
     members = connected_members(similar, item, context.views)
     if not members.any():
         return item
-    shown = context.views.visible_share(view, members) > THRESHOLD
+    shown = context.views.visible(view, members)
     return replace(item, mask=item.mask | (shown & view.within), members=members)
 
 
 def connected_members(members: Mask, item: MaskEvidence, views: Views) -> Mask:
-    """Return which of the `members` are connected to what a mask shows (`connected_parts`), bool [N] both."""
+    """Return which members are connected to what a mask shows, see `connected_parts`.
+
+    Parameters
+    ----------
+    members : array of shape [N], bool
+    item : MaskEvidence
+    views : Views
+
+    Returns
+    -------
+    array of shape [N], bool
+    """
     pixels = views.scene.votes(item.view.frame, item.mask[..., None].astype(np.float32))[:, 0]
     connected = np.zeros_like(members)
     connected[members] = connected_parts(views.scene.gaussians.means[members], pixels[members])
@@ -115,12 +169,22 @@ def connected_members(members: Mask, item: MaskEvidence, views: Views) -> Mask:
 
 
 def connected_parts(points: Float32, weights: Floats) -> Mask:
-    """Return the connected parts of points, [M, 3], that a mask shows, bool [M]; all if the mask shows none of them.
+    """Return the connected parts of points that a mask shows; all if the mask shows none of them.
 
-    `weights`, [M], are the pixels of the mask that each point contributes. Points are connected through neighbouring
-    cells of a grid, as wide as a tenth of the radius of what the mask shows, and at least as far as the neighbours of
-    a point usually reach. Kept are the part with the largest total weight, and every other one with at least a tenth of
-    it: an occluder may split an object in two.
+    Points are connected through neighbouring cells of a grid, as wide as a tenth of the radius of what the mask shows,
+    and at least as far as the neighbours of a point usually reach. Kept are the part with the largest total weight, and
+    every other one with at least a tenth of it: an occluder may split an object in two.
+
+    Parameters
+    ----------
+    points : array of shape [M, 3], float32
+        World units.
+    weights : array of shape [M], float
+        Pixels of the mask that each point contributes.
+
+    Returns
+    -------
+    array of shape [M], bool
     """
     total = float(weights.sum())
     if len(points) <= 2 or total <= 0:
@@ -128,18 +192,24 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
     share = weights.astype(np.float64) / total
     radius = float(np.sqrt(share @ ((points - share @ points) ** 2).sum(axis=1)))
     farthest = cKDTree(points).query(points, k=min(N_NEIGHBOURS + 1, len(points)))[0][:, -1]
-    cell = max(_PART * radius, float(np.median(farthest)), float(np.finfo(np.float32).eps))
+    cell = max(_CELL_WIDTH * radius, float(np.median(farthest)), float(np.finfo(np.float32).eps))
     keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
     # On no axis farther than one cell: the 26 cells around.
     pairs = cKDTree(keys).query_pairs(1, p=np.inf, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
     part = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
     weight = np.bincount(part, weights=weights)
-    return np.asarray((weight >= _PART * weight.max())[part] & (weight > 0)[part])
+    return np.asarray((weight >= _MIN_PART_WEIGHT * weight.max())[part] & (weight > 0)[part])
 
 
 def clicks_by_photo(clicks: Sequence[Point], context: SegmentationContext) -> list[tuple[View, list[Place]]]:
-    """Return the clicked places of each photo; raises `PromptError` for a click outside of its photo."""
+    """Return the view and the clicked places of each photo.
+
+    Raises
+    ------
+    PromptError
+        For an unknown photo, or a click outside of its photo.
+    """
     cameras = {point.photo: camera_of_prompt(point, context.views.cameras) for point in clicks}
     return [(context.views.of(camera), places_in(photo, clicks)) for photo, camera in cameras.items()]
 
@@ -150,7 +220,13 @@ def places_in(photo: str, points: Sequence[Point]) -> list[Place]:
 
 
 def require_mask(evidence: MaskEvidence) -> MaskEvidence:
-    """Return `evidence`; raises `PromptError` when its mask is empty."""
+    """Return `evidence`.
+
+    Raises
+    ------
+    PromptError
+        When its mask is empty.
+    """
     if not evidence.mask.any():
         photo = evidence.view.camera.photo
         raise PromptError(f"Nothing was found at that place of {photo}. Click on the middle of the object.")
@@ -158,9 +234,21 @@ def require_mask(evidence: MaskEvidence) -> MaskEvidence:
 
 
 def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
-    """Return column and row of the pixel in the view's frame that shows a point of the photo."""
+    """Return column and row of the pixel in the view's frame that shows a point of the photo.
+
+    Parameters
+    ----------
+    view : View
+    x, y : float
+        Pixels of the photo at full size.
+
+    Raises
+    ------
+    PromptError
+        When the frame does not show the point, which lies on the rim.
+    """
     spot = np.zeros((view.camera.height, view.camera.width), np.uint8)
-    radius = max(2, round(2 * max(spot.shape) / max(view.frame.width, view.frame.height)))
+    radius = max(_SPOT_RADIUS, round(_SPOT_RADIUS * max(spot.shape) / max(view.frame.width, view.frame.height)))
     cv2.circle(spot, (int(x), int(y)), radius, 1, thickness=-1)
     rows, columns = np.nonzero(view.from_photo(spot > 0))
     if len(rows) == 0:
@@ -179,12 +267,18 @@ def meant_by(text: str, detector: Detector) -> list[str]:
 
 
 def require_known(text: str, context: SegmentationContext) -> None:
-    """Raise `PromptError` for a text that the detector does not know; the message lists the nearest words it knows."""
+    """Raise an error for a text that the detector does not know.
+
+    Raises
+    ------
+    PromptError
+        Its message lists the nearest words that the detector knows.
+    """
     check = context.detector.check_prompt(text)
     if check.known:
         return
     sentence = check.message or f"The detector does not know {text!r}."
-    nearest = [word for word, _ in check.matches][:5]
+    nearest = [word for word, _ in check.matches][:_MAX_NEAREST]
     if any(word not in sentence for word in nearest):
         sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest)}."
     if "click" not in sentence.lower():

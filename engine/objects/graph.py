@@ -17,17 +17,25 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags, hstack
 from scipy.sparse.csgraph import connected_components
 
+from ..core.arrays import Float32, Int32, Int64, Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..project.folder import stage_key
-from .arrays import Float32, Int32, Int64, Mask
 from .views import OUTER, Views, spread_cameras
-from .votes import THRESHOLD, Votes
+from .votes import Votes
 
-__all__ = ["MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
+__all__ = ["BELONGS", "MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
 
 _VERSION = "graph 4"
+
+BELONGS = 0.5
+"""Solved membership from which on a Gaussian belongs to a set: it is the middle between 0 for what votes against the
+set and 1 for what votes for it."""
+
+_LEAST_PIXELS = 0.5
+"""Pixels that a Gaussian contributes to a segment, from which on the two are linked. Fewer make many links that weigh
+little."""
 
 N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Nearest neighbours that a Gaussian is linked to."""
@@ -43,24 +51,33 @@ the middle of a scene, in `Views.length_unit`."""
 _LEAST_PART = 0.01  # chosen on museum_room, store_room
 """Votes of a connected part relative to those of the heaviest, from which on it belongs to an object."""
 
-_TOLERANCE = 1e-3  # by definition
+_TOLERANCE = 1e-3
 """Largest residual of a solution, relative to the right-hand side."""
 
 _SMALLEST = np.float32(np.finfo(np.float32).tiny)
 """Smallest divisor: a solved object has no residual."""
 
-_MAX_STEPS = 300  # by definition
+_MAX_STEPS = 300
 """Largest number of steps of conjugate gradients."""
 
 
 @dataclass(frozen=True)
 class SceneGraph:
-    """Links of N Gaussians with each other and with the M segments of P `photos`.
+    """Links of N Gaussians with each other and with the M segments of P photos.
 
-    `neighbours`, [N, N], are the symmetric weights of the links between Gaussians, and `segments`, [N, M], the pixels
-    that each Gaussian contributes to each segment. `photo`, [M], is the number of the photo of each segment. Those of a
-    photo are consecutive, and the first of them, which may be empty, is no segment but the rest of the photo. `key`
-    tells what the graph was made of; it is empty if that is not known.
+    Attributes
+    ----------
+    neighbours : sparse array of shape [N, N], float32
+        Symmetric weights of the links between Gaussians.
+    segments : sparse array of shape [N, M], float32
+        Pixels that each Gaussian contributes to each segment.
+    photo : array of shape [M], int32
+        Number of the photo of each segment. Those of a photo are consecutive, and the first of them, which may be
+        empty, is no segment but the rest of the photo.
+    photos : tuple of str
+        Names of the P photos.
+    key : str
+        Hash of what the graph was made of; empty if that is not known.
     """
 
     neighbours: csr_matrix
@@ -92,11 +109,22 @@ class SceneGraph:
         return links, csr_matrix(links.T)
 
     def solve(self, votes: Votes, strictness: float | Float32) -> Float32:
-        """Return the memberships of the Gaussians in K objects, in [0, 1], shape [N, K].
+        """Return the memberships of the Gaussians in K objects. Every membership falls as the strictness rises.
 
-        `votes` are of shape [N, K], or [N, 1] for one object at K values of `strictness`: the weight of a pixel beside
-        the object relative to one inside of it, above 0. Every membership falls as it rises.
+        Parameters
+        ----------
+        votes : Votes
+            Of shape [N, K], or [N, 1] for one object at K values of `strictness`.
+        strictness : float, or array of shape [K], float32
+            Weight of a pixel beside the object relative to one inside of it, above 0.
 
+        Returns
+        -------
+        array of shape [N, K], float32
+            0 to 1.
+
+        Notes
+        -----
         Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
         votes S for the object and B against it, and lambda the strictness. No segment votes, so that each is the mean
         of its Gaussians by their links; put in, this leaves the Gaussians (the Schur complement), for which conjugate
@@ -132,14 +160,24 @@ class SceneGraph:
         return np.clip(solution, 0, 1)
 
     def memberships(self, votes: Votes, strictness: float | Float32) -> Float32:
-        """Return those of `solve`, [K, N], but 0 in light parts of what belongs to an object.
+        """Return what `solve` returns, as rows, but 0 in light parts of what belongs to an object.
 
         Links between Gaussians connect parts. Those stay that have at least `_LEAST_PART` of the votes for the object
         that the heaviest has; all, where there are no links.
+
+        Parameters
+        ----------
+        votes, strictness
+            As of `solve`.
+
+        Returns
+        -------
+        array of shape [K, N], float32
+            0 to 1.
         """
         solved = np.ascontiguousarray(self.solve(votes, strictness).T)
         for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
-            members = np.flatnonzero(membership >= THRESHOLD)
+            members = np.flatnonzero(membership >= BELONGS)
             if self.neighbours.nnz and len(members):
                 part = connected_components(self.neighbours[members][:, members], directed=False)[1]
                 weights = np.bincount(part, weights=inside[members])
@@ -160,16 +198,46 @@ class SceneGraph:
         return np.asarray(self.segments @ is_of.astype(np.float32))
 
     def votes_of(self, segments: Int64) -> Votes:
-        """Return the votes, [N, K], of K segments, columns of `segments`, each for the Gaussians that it shows."""
+        """Return the votes of segments, each for the Gaussians that it shows.
+
+        Parameters
+        ----------
+        segments : array of shape [K], int64
+            Columns of `SceneGraph.segments`.
+
+        Returns
+        -------
+        Votes
+            Of shape [N, K].
+        """
         inside = self.segments[:, segments].toarray().astype(np.float32)
         return Votes(inside, self._by_photo[:, self.photo[segments]] - inside)
 
     def shown(self, sets: csr_matrix) -> Float32:
-        """Return the pixels that show each of K sets of Gaussians, [K, N], in each of the P photos, [K, P]."""
+        """Return the pixels that show each of K sets of Gaussians in each photo.
+
+        Parameters
+        ----------
+        sets : sparse array of shape [K, N]
+
+        Returns
+        -------
+        array of shape [K, P], float32
+        """
         return np.asarray(sets @ self._by_photo, np.float32)
 
     def iou(self, sets: csr_matrix, others: csr_matrix) -> Float32:
-        """Return the IoU, in the pixels of all photos, of K sets of Gaussians, [K, N], with M others, [K, M]."""
+        """Return the IoU, in the pixels of all photos, of sets of Gaussians with others.
+
+        Parameters
+        ----------
+        sets : sparse array of shape [K, N]
+        others : sparse array of shape [M, N]
+
+        Returns
+        -------
+        array of shape [K, M], float32
+        """
         common = (sets.multiply(self._all_pixels) @ others.T).toarray()
         union = (sets @ self._all_pixels)[:, None] + others @ self._all_pixels - common
         return np.asarray(common / np.maximum(union, _SMALLEST), np.float32)
@@ -181,11 +249,20 @@ def _dot(first: Float32, second: Float32) -> Float32:
 
 
 def bounded(membership: Float32, means: Float32) -> Float32:
-    """Return a membership, [N], that is 0 far from its members, so that no threshold adds what is elsewhere.
+    """Return a membership that is 0 far from its members, so that no threshold adds what is elsewhere.
 
-    `means` are the positions of the Gaussians, [N, 3]. Without members, all are 0.
+    Parameters
+    ----------
+    membership : array of shape [N], float32
+    means : array of shape [N, 3], float32
+        Positions of the Gaussians.
+
+    Returns
+    -------
+    array of shape [N], float32
+        All 0 without members.
     """
-    members = membership >= THRESHOLD
+    members = membership >= BELONGS
     if not members.any():
         return np.zeros_like(membership)
     distances = np.linalg.norm(means - np.median(means[members], axis=0), axis=1)
@@ -193,10 +270,21 @@ def bounded(membership: Float32, means: Float32) -> Float32:
 
 
 def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:
-    """Return the graph of a scene; raises `Cancelled` when `should_stop` returns True.
+    """Return the graph of a scene.
 
-    `label_maps` are the segments by photo, at any resolution, 0 for no segment. Those of the `n_views` photos that
-    differ most take part.
+    Parameters
+    ----------
+    views : Views
+    label_maps : mapping of str to array of shape [h, w], int32
+        Segments by photo, at any resolution; 0 is no segment.
+    n_views : int
+        Number of photos, those that differ most, whose segments take part.
+    should_stop : callable
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` returns True.
     """
     with_segments = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
     cameras = spread_cameras(with_segments, n_views)
@@ -210,7 +298,7 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
         segments = np.concatenate([[0], np.unique(labels[labels > 0])])  # 0 is the rest
         masks = np.eye(len(segments), dtype=np.float32)[np.searchsorted(segments, labels)]
         votes = views.scene.votes(view.frame, masks * view.within[..., None])
-        columns.append(csr_matrix(np.where(votes >= THRESHOLD, votes, np.float32(0))))
+        columns.append(csr_matrix(np.where(votes >= _LEAST_PIXELS, votes, np.float32(0))))
         photo += [number] * len(segments)
     photos = tuple(camera.photo for camera in cameras)
     return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32), photos)
@@ -235,7 +323,7 @@ def _neighbours(views: Views) -> csr_matrix:
 def load_or_build_graph(
     file: Path | None, views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck
 ) -> SceneGraph:
-    """Return the graph stored in `file`, or build and store it; parameters and errors as of `build_graph`.
+    """Return the graph stored in `file`, or build and store it; else as `build_graph`.
 
     A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
     """

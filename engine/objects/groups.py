@@ -11,11 +11,14 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from .arrays import Float32, Int64, Mask
+from ..core.arrays import Float32, Int64, Mask
 from .graph import MAX_RADII, N_NEIGHBOURS
 from .views import Views
 
 __all__ = ["build_groups"]
+
+_POSITION_WEIGHT = 0.5  # chosen on museum_room, store_room
+"""Weight of positions, in `Views.length_unit`, relative to features, whose length is 1."""
 
 _SAMPLE_SIZE = 12_000  # chosen on museum_room, store_room
 """Gaussians that are clustered. Every other Gaussian joins the groups of its nearest neighbour in the sample."""
@@ -25,16 +28,22 @@ _MIN_GROUP_SHARE = 1 / 240  # chosen on museum_room, store_room
 
 
 def build_groups(views: Views) -> Mask:
-    """Return K nested groups of the Gaussians of a scene, bool [K, N]: two of them are nested or disjoint.
+    """Return nested groups of the Gaussians of a scene: two of them are nested or disjoint.
 
-    Ward's linkage (1963) of features and positions, in units of twice `Views.length_unit`, on 12,000 Gaussians that are
-    not far from the middle of the scene, restricted to the graph of each Gaussian's nearest neighbours, so that only
-    connected Gaussians are merged. A node of the tree is a group if it and its sibling have the minimum size; a smaller
-    sibling is a fragment that the larger one absorbs.
+    Returns
+    -------
+    array of shape [K, N], bool
+
+    Notes
+    -----
+    Ward's linkage (1963) of features and positions on 12,000 Gaussians that are not far from the middle of the scene,
+    restricted to the graph of each Gaussian's nearest neighbours, so that only connected Gaussians are merged. A node
+    of the tree is a group if it and its sibling have the minimum size; a smaller sibling is a fragment that the larger
+    one absorbs.
     """
     means = views.scene.gaussians.means
     positions = ((means - views.middle) / views.length_unit).astype(np.float32)
-    points = np.hstack([views.directions, positions / 2])
+    points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
     inside = np.linalg.norm(positions, axis=1) < MAX_RADII
     sample = np.random.default_rng(0).permutation(np.flatnonzero(inside))[:_SAMPLE_SIZE]
     place, spans = _cluster(points[sample], means[sample], max(N_NEIGHBOURS, round(_MIN_GROUP_SHARE * len(sample))))

@@ -7,45 +7,74 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..core.arrays import Float32, Mask
 from ..core.errors import PromptError
 from ..masks import mask_iou
-from .arrays import Float32, Mask
 from .context import SegmentationContext
 from .graph import bounded
+from .settings import DEFAULT_THRESHOLD
 from .views import SAME_IOU, Views
-from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
+from .votes import MaskEvidence, Votes, count_votes
 
-__all__ = ["NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels", "corrected", "fit_of", "is_same", "isolate_object"]
+__all__ = [
+    "BELOW_THRESHOLD", "MAX_COMMON", "NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels",
+    "corrected", "fit_of", "is_same", "isolate_object",
+]  # fmt: skip
 
 NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
 NONE_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
 
-_FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
+BELOW_THRESHOLD = np.nextafter(np.float32(DEFAULT_THRESHOLD), np.float32(0))
+"""Largest membership of a Gaussian that does not belong to a new object."""
+
+MAX_COMMON = 0.5
+"""Share of the smaller of two sets of Gaussians up to which both may be objects: more shows the same."""
+
+_FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)
 """Strictness of each level relative to the settings, from part to whole."""
 
-_ALONE = np.ones(1, np.float32)  # by definition
-"""That of the object alone."""
+_ALONE = np.ones(1, np.float32)
+"""Strictness of the object alone, relative to the settings."""
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Memberships from part to whole, [N], float32, each contained in the next; `chosen` is the object for now."""
+    """Memberships from part to whole, each contained in the next.
+
+    Attributes
+    ----------
+    memberships : tuple of arrays of shape [N], float32
+        0 to 1.
+    chosen : int
+        Index of the level that is the object for now.
+    """
 
     memberships: tuple[Float32, ...]
-    chosen: int = 0  # by definition
+    chosen: int = 0
 
 
 @dataclass(frozen=True)
 class FoundObject:
-    """An object before it is stored, in smaller and larger versions; `score` is that of `ObjectRecord`.
+    """An object before it is stored, in smaller and larger versions.
 
-    `evidence` are the masks that show it, the best first, and `fit` is the IoU with the best one in its view. The
-    detector suggests the `name`, which may be empty, and `id` is that of a stored object that it replaces, or empty.
+    Attributes
+    ----------
+    levels : Levels
+    score : float
+        That of `ObjectRecord`, 0 to 1.
+    fit : float
+        IoU of the object with the best mask of its evidence, in the view of this mask.
+    evidence : tuple of MaskEvidence
+        Masks that show it, the best first.
+    name : str
+        Suggested by the detector; may be empty.
+    id : str
+        Of a stored object that it replaces, or empty.
     """
 
     levels: Levels
-    score: float = 1.0  # by definition
-    fit: float = 1.0  # by definition
+    score: float = 1.0
+    fit: float = 1.0
     evidence: tuple[MaskEvidence, ...] = ()
     name: str = ""
     id: str = ""
@@ -58,25 +87,37 @@ class FoundObject:
     @property
     def members(self) -> Mask:
         """Gaussians that belong to the object, bool [N]."""
-        return self.membership >= THRESHOLD
+        return self.membership >= DEFAULT_THRESHOLD
 
 
 def fit_of(item: MaskEvidence, members: Mask, views: Views) -> float:
     """Return the IoU of a mask with the members, bool [N], rendered in the same view."""
-    return mask_iou(views.visible_share(item.view, members) > THRESHOLD, item.mask)
+    return mask_iou(views.visible(item.view, members), item.mask)
 
 
 def is_same(first: Mask, second: Mask) -> bool:
     """Return whether two results, bool [N], show the same object: more than half of the smaller one is common."""
-    return int((first & second).sum()) > THRESHOLD * min(int(first.sum()), int(second.sum()))
+    return int((first & second).sum()) > MAX_COMMON * min(int(first.sum()), int(second.sum()))
 
 
 def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> FoundObject:
-    """Return the object that all of `evidence` shows together, in which at least one mask is not excluded.
+    """Return the object that all of the evidence shows together.
 
     It comes with clearly smaller and larger versions: the membership falls as the strictness rises, so that each level
-    contains those of higher strictness. A mask that the user drew is the whole object and has no versions. Raises
-    `PromptError` when no Gaussian lies behind the masks or the excluded ones leave none, `Cancelled` on request.
+    contains those of higher strictness. A mask that the user drew is the whole object and has no versions.
+
+    Parameters
+    ----------
+    context : SegmentationContext
+    evidence : sequence of MaskEvidence
+        At least one mask is not excluded.
+
+    Raises
+    ------
+    PromptError
+        When no Gaussian lies behind the masks, or the excluded ones leave none.
+    Cancelled
+        When the user stops.
     """
     context.check_stop()
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
@@ -92,7 +133,18 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
 
 
 def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:
-    """Return the membership `before`, [N], with what evidence adds to it and removes from it, which may be all."""
+    """Return a membership with what evidence adds to it and removes from it, which may be all.
+
+    Parameters
+    ----------
+    context : SegmentationContext
+    evidence : sequence of MaskEvidence
+    before : array of shape [N], float32
+
+    Returns
+    -------
+    array of shape [N], float32
+    """
     added, removed = (_union(context, evidence, _ALONE, excluded=kind)[0] for kind in (False, True))
     return np.minimum(np.maximum(before, added), 1 - removed)
 
@@ -115,8 +167,8 @@ def _distinct(memberships: Float32, views: Views) -> Levels:
     middle = len(memberships) // 2
     kept = [middle]
     for number in sorted(range(len(memberships)), key=lambda number: abs(number - middle)):
-        members = memberships[number] >= THRESHOLD
-        same = any(mask_iou(members, memberships[other] >= THRESHOLD) > SAME_IOU for other in kept)
+        members = memberships[number] >= DEFAULT_THRESHOLD
+        same = any(mask_iou(members, memberships[other] >= DEFAULT_THRESHOLD) > SAME_IOU for other in kept)
         if members.any() and not same and views.extent(members) <= 1:
             kept.append(number)
     return Levels(tuple(memberships[number] for number in sorted(kept)), sorted(kept).index(middle))

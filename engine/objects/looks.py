@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
+from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..masks import box_ious, mask_box
 from ..project.folder import stage_key
-from .arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
-from .proposals import Proposals, find_proposals
+from .proposals import LARGE, Proposals, find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
-from .votes import THRESHOLD, MaskEvidence
+from .votes import MaskEvidence
 
 __all__ = ["Looks", "build_looks", "load_or_build_looks"]
 
@@ -34,7 +34,7 @@ _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, roo
 _USUAL_ODDS = -4.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Mean log-odds of a word and the proposals of a scene."""
 
-_N_USUAL = 10  # by definition
+_N_USUAL = 10
 """Proposals with the usual log-odds that the mean of a scene counts in addition: few proposals, which may all show the
 object, say little about what all of the scene resembles."""
 
@@ -44,6 +44,12 @@ _LIKELY = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_
 _LEAST_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Log-odds, less the contrast, that give a score of 0.5. Of 230 absent words, 4 % score more."""
 
+_SET_WEIGHT = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weight of the log-odds of the set in those of an object, to which how whole it looks is added."""
+
+_MIN_BOX_IOU = 0.5
+"""IoU from which on a box of a detector that describes no crops shows a proposal: the usual limit of detection."""
+
 _MIN_SCORE = float(np.finfo(np.float16).eps)
 """Scores are clipped to this, of descriptions that are kept with 16 bits, and to one minus this: finite log-odds."""
 
@@ -52,11 +58,21 @@ _MIN_SCORE = float(np.finfo(np.float16).eps)
 class Looks:
     """K proposals, and how a detector describes them in photos: S sightings.
 
-    `members` and `like` are those of `Proposals`; the sightings of ``like[k]`` describe proposal k. `odds`, [K], are
-    the log-odds of being an object: half of those of the set, and what the detector tells of how whole it looks.
-    `proposal`, [S], and `photo` tell whose and where a sighting is, and `box`, [S, 2, 2], where in the photo: the
-    corners x0, y0 and x1, y1 in the pixels of `Photos.pixels`. `described`, [S, D], is by `Detector.describe_crops`;
-    D is 0 for a detector that describes no crops, and `odds` are then those of the set.
+    Attributes
+    ----------
+    members, like
+        Those of `Proposals`; the sightings of ``like[k]`` describe proposal k.
+    odds : array of shape [K], float32
+        Log-odds of being an object: half of those of the set, and what the detector tells of how whole it looks. Those
+        of the set alone for a detector that describes no crops.
+    proposal : array of shape [S], int32
+        Proposal of each sighting.
+    photo : tuple of S str
+        Photo of each sighting.
+    box : array of shape [S, 2, 2], float32
+        Corners x0, y0 and x1, y1 in the pixels of `Photos.pixels`.
+    described : array of shape [S, D], float32
+        By `Detector.describe_crops`; D is 0 for a detector that describes no crops.
     """
 
     members: Mask
@@ -68,11 +84,26 @@ class Looks:
     described: Float32
 
     def scores(self, text: str, context: SegmentationContext) -> Float64:
-        """Return how much each proposal looks like `text`, 0 to 1, [K]; `PromptError` if the detector does not know it.
+        """Return how much each proposal looks like a text.
 
         A detector that describes crops is calibrated: 0.5 is the score that 5 % of the absent words of the choosing
         rooms reach. Any other one is asked for boxes in `n_text_views` photos. A proposal then scores 0 in a photo
         without a box that fits it, and more than 0.5 in others: the detector's own thresholds decide.
+
+        Parameters
+        ----------
+        text : str
+        context : SegmentationContext
+
+        Returns
+        -------
+        array of shape [K], float64
+            0 to 1.
+
+        Raises
+        ------
+        PromptError
+            When the detector does not know the text.
         """
         describes = self.described.shape[1] > 0
         score = context.detector.score_descriptions(self.described, text) if describes else self._boxed(text, context)
@@ -94,17 +125,18 @@ class Looks:
             rows[numbers] = 0
             for found in context.detector.detect(context.photos.pixels(camera), text):
                 overlaps = box_ious(self.box[numbers].reshape(len(numbers), -1), np.asarray(found.box, np.float32))
-                fitting = numbers[overlaps >= THRESHOLD]
+                fitting = numbers[overlaps >= _MIN_BOX_IOU]
+                # Above `least_score`: the thresholds of the detector decided.
                 rows[fitting] = np.maximum(rows[fitting], (1 + found.score) / 2)
         return rows
 
     def names(self, numbers: Sequence[int], context: SegmentationContext) -> list[tuple[str, float]]:
-        """Return the detector's word for proposals, with its confidence, 0 to 1; ("", 0) for one without words."""
+        """Return the detector's word for each proposal, with its confidence, 0 to 1; ("", 0) for one without words."""
         described = (self.described[self.proposal == k] for k in self.like[list(numbers)])
         return [next(iter(context.detector.name_descriptions(rows)), ("", 0.0)) for rows in described]
 
     def evidence(self, number: int, score: float, context: SegmentationContext) -> MaskEvidence:
-        """Return the members of a proposal as evidence, with where the photo that shows them largest shows them."""
+        """Return the members of a proposal as evidence with this score, in the photo that shows them largest."""
         members, views = self.members[number], context.views
         sizes = np.where(self.proposal == self.like[number], np.prod(self.box[:, 1] - self.box[:, 0], axis=1), 0)
         view = views.of(views.cameras.by_photo[self.photo[int(sizes.argmax())]])
@@ -112,9 +144,12 @@ class Looks:
 
 
 def build_looks(context: SegmentationContext) -> Looks:
-    """Return what may be an object, as the detector describes it in `n_crop_views` photos that show it large and whole.
+    """Return what may be an object, as the detector describes it in photos that show it large and whole.
 
-    Raises `Cancelled` when the user stops.
+    Raises
+    ------
+    Cancelled
+        When the user stops.
     """
     sets = find_proposals(context.part(0, 2))
     context = context.part(1, 2)
@@ -147,7 +182,7 @@ def build_looks(context: SegmentationContext) -> Looks:
     odds = sets.odds
     if rows.size:
         _, told = _count_and_mean(proposal, context.detector.whole_odds(rows), sets.like)
-        odds = (odds / 2 + told).astype(np.float32)
+        odds = (_SET_WEIGHT * odds + told).astype(np.float32)
     return Looks(sets.members, odds, sets.like, proposal, photos, corners[kept], rows)
 
 
@@ -166,7 +201,7 @@ def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[
     for number in np.unique(sets.like):
         pixels = sets.shown[number]
         facing = {camera.photo for camera in views.facing(np.median(context.means[sets.members[number]], axis=0))}
-        large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= THRESHOLD * pixels.max()]
+        large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= LARGE * pixels.max()]
         shown = [camera for camera in large if camera.photo in facing] or large
         for camera in spread_cameras(shown, context.settings.n_crop_views):
             found[camera.photo].append(int(number))
@@ -179,7 +214,7 @@ _SPECS = {
     "like": ArraySpec("int32", ("k",)),
     "proposal": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),
-    "box": ArraySpec("float32", ("s", 2, 2), finite=True),  # by definition
+    "box": ArraySpec("float32", ("s", 2, 2), finite=True),
     "described": ArraySpec("float16", ("s", "d"), finite=True),
 }
 
@@ -187,7 +222,12 @@ _SPECS = {
 def load_or_build_looks(context: SegmentationContext) -> Looks:
     """Return the looks that were kept in memory or in the folder of the context, or make and keep them.
 
-    A missing, damaged or outdated file is made again; one that cannot be written only costs time. Raises `Cancelled`.
+    A missing, damaged or outdated file is made again; one that cannot be written only costs time.
+
+    Raises
+    ------
+    Cancelled
+        When the user stops.
     """
     return context.once("looks", lambda: _load_or_build(context))
 

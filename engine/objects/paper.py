@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from ..core.arrays import Float32, Floats, Mask
 from ..core.errors import PromptError
 from ..masks import mask_box
 from ..pictures import normalized
-from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
 from .evidence import (
     clicks_by_photo,
@@ -29,21 +29,26 @@ from .evidence import (
     require_mask,
 )
 from .graph import bounded
-from .lifting import NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, is_same
-from .prompts import ClickPrompt, Prompt, TextPrompt
-from .settings import PaperSettings
+from .lifting import BELOW_THRESHOLD, NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, is_same
+from .prompts import ClickPrompt, Place, Prompt, TextPrompt
+from .settings import DEFAULT_THRESHOLD, PaperSettings
 from .views import View, erode_mask, spread_cameras
-from .votes import BELOW_HALF, THRESHOLD, MaskEvidence, count_votes
+from .votes import MaskEvidence, count_votes
 
 __all__ = ["find_objects_of_paper", "nothing_found"]
 
 log = logging.getLogger(__name__)
 
-_QUARTER = 1 / 4  # by definition
+_LIKE_THE_CLICK = 0.5
+"""Share of a mask's pixels that must be like the clicked one for its feature to be the first direction: a single pixel
+may lie on a seam."""
+
+_LEAST_PIXELS = 0.5
+"""Pixels of an excluded mask that a Gaussian contributes, from which on it is removed."""
 
 
 def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings: PaperSettings) -> list[FoundObject]:
-    """Return the objects that `prompt` asks for, the best first; errors as of `find_objects`."""
+    """Return the objects that `prompt` asks for, the best first; the errors are those of `find_objects`."""
     if isinstance(prompt, TextPrompt):
         evidence = _from_text(prompt.text, context.part(0, 2))
     elif isinstance(prompt, ClickPrompt):
@@ -67,7 +72,7 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
         if len(found) == settings.max_objects or candidate.score < settings.relative_score * candidates[0].score:
             break
         membership = _completed(candidate, context.means, settings)
-        membership = np.where(removed, np.minimum(membership, BELOW_HALF), membership)
+        membership = np.where(removed, np.minimum(membership, BELOW_THRESHOLD), membership)
         one = replace(candidate, levels=Levels((membership,)))
         if one.members.any() and not any(is_same(one.members, o.members) for o in found):
             found.append(one)
@@ -94,7 +99,7 @@ def _candidates(
         if membership is None:
             continue
         one = FoundObject(
-            Levels((membership,)), item.score, fit_of(item, membership >= THRESHOLD, context.views), (item,)
+            Levels((membership,)), item.score, fit_of(item, membership >= DEFAULT_THRESHOLD, context.views), (item,)
         )
         alike = (k for k, other in enumerate(candidates) if is_same(other.members, one.members))
         same = next(alike, None)
@@ -170,15 +175,14 @@ def _lift(item: MaskEvidence, prompt: Prompt, context: SegmentationContext, sett
     places = places_in(view.camera.photo, prompt.clicks) if isinstance(prompt, ClickPrompt) else []
     if len(places) == 1 and len(features):
         column, row = pixel_of(view, *places[0])
-        # Only if at least half of the mask is like it: a single pixel may lie on a seam.
         clicked = view.features[row, column]
-        start = clicked if (features @ clicked >= settings.cosine).mean() >= THRESHOLD else None
+        start = clicked if (features @ clicked >= settings.cosine).mean() >= _LIKE_THE_CLICK else None
     direction = mean_direction(features, start=start, cosine=settings.cosine)
     if direction is None:
         return None
     membership = calibrated(views.directions @ direction, settings.cosine)
-    connected = connected_members(membership >= THRESHOLD, item, views)
-    membership = np.where(connected, membership, np.minimum(membership, BELOW_HALF))
+    connected = connected_members(membership >= DEFAULT_THRESHOLD, item, views)
+    membership = np.where(connected, membership, np.minimum(membership, BELOW_THRESHOLD))
     return bounded(membership, context.means) if connected.any() else None
 
 
@@ -187,16 +191,16 @@ def _shown_by(evidence: Sequence[MaskEvidence], context: SegmentationContext) ->
     shown = np.zeros(len(context.means), bool)
     for item in evidence:
         votes = count_votes(context.views, item, shown.astype(np.float32))
-        shown |= (votes.inside >= THRESHOLD) & (votes.inside > votes.outside)
+        shown |= (votes.inside >= _LEAST_PIXELS) & (votes.inside > votes.outside)
     return shown
 
 
 def _completed(candidate: FoundObject, means: Float32, settings: PaperSettings) -> Float32:
-    """Return the membership with the convex hull of the object filled in at 0.5."""
+    """Return the membership with the convex hull of the object filled in at `DEFAULT_THRESHOLD`."""
     corners, membership = means[candidate.members], candidate.membership
     if settings.outlier_iqr is not None:
         corners = corners[within_quartiles(corners, settings.outlier_iqr)]
-    return np.where(inside_hull(corners, means), np.maximum(membership, THRESHOLD), membership)
+    return np.where(inside_hull(corners, means), np.maximum(membership, DEFAULT_THRESHOLD), membership)
 
 
 def _agreement(candidate: FoundObject, searched: set[str], context: SegmentationContext) -> float:
@@ -215,11 +219,23 @@ def _agreement(candidate: FoundObject, searched: set[str], context: Segmentation
 
 
 def mean_direction(features: Float32, cosine: float, start: Float32 | None = None) -> Float32 | None:
-    """Return the mean direction, [D], of features of a mask's pixels, [P, D], all at unit length, without outliers.
+    """Return the mean direction of features without outliers.
 
-    Features with a cosine below `cosine` to the direction so far are left out, until these stay the same. The first
-    direction is `start`, [D], e.g. the feature of the clicked pixel, or the mean of all. None if there are no features
-    or they cancel out.
+    Features with a cosine below `cosine` to the direction so far are left out, until these stay the same.
+
+    Parameters
+    ----------
+    features : array of shape [P, D], float32
+        Of a mask's pixels, at unit length.
+    cosine : float
+        -1 to 1.
+    start : array of shape [D], float32, or None
+        First direction, e.g. the feature of the clicked pixel; None takes the mean of all.
+
+    Returns
+    -------
+    array of shape [D], float32, or None
+        None if there are no features or they cancel out.
     """
     if len(features) == 0:
         return None
@@ -234,27 +250,47 @@ def mean_direction(features: Float32, cosine: float, start: Float32 | None = Non
 
 
 def calibrated(cosine: Floats, threshold: float) -> Float32:
-    """Map cosines to memberships, piecewise linearly: -1 to 0, `threshold` to exactly 0.5 and 1 to 1."""
+    """Map cosines to memberships, piecewise linearly: -1 to 0, `threshold` to `DEFAULT_THRESHOLD` exactly, 1 to 1."""
     cosine = np.asarray(cosine, np.float32)
-    above = THRESHOLD + THRESHOLD * (cosine - np.float32(threshold)) / np.float32(1 - threshold)
-    # Rounding must not bring a cosine below the threshold to 0.5.
-    below = np.minimum(THRESHOLD * (cosine + 1) / np.float32(1 + threshold), BELOW_HALF)
+    above = DEFAULT_THRESHOLD + (1 - DEFAULT_THRESHOLD) * (cosine - np.float32(threshold)) / np.float32(1 - threshold)
+    # Rounding must not bring a cosine below the threshold to the members.
+    below = np.minimum(DEFAULT_THRESHOLD * (cosine + 1) / np.float32(1 + threshold), BELOW_THRESHOLD)
     return np.clip(np.where(cosine >= np.float32(threshold), above, below), 0, 1).astype(np.float32)
 
 
 def within_quartiles(points: Float32, factor: float) -> Mask:
-    """Return which points are within `factor` interquartile ranges of the quartiles on every axis, bool [M]."""
+    """Return which points are within some interquartile ranges of the quartiles on every axis.
+
+    Parameters
+    ----------
+    points : array of shape [M, 3], float32
+    factor : float
+        Number of interquartile ranges.
+
+    Returns
+    -------
+    array of shape [M], bool
+    """
     if len(points) == 0:
         return np.zeros(0, bool)
-    first, third = np.quantile(points, (_QUARTER, 1 - _QUARTER), axis=0)
+    first, third = np.quantile(points, (1 / 4, 3 / 4), axis=0)
     reach = factor * (third - first)
     return np.asarray(((points >= first - reach) & (points <= third + reach)).all(axis=1))
 
 
 def inside_hull(corners: Float32, points: Float32) -> Mask:
-    """Return which points, [N, 3], are inside the convex hull of `corners`, [M, 3], bool [N].
+    """Return which points are inside of a convex hull.
 
-    All False if the hull has no volume: fewer than four corners, or all on one plane.
+    Parameters
+    ----------
+    corners : array of shape [M, 3], float32
+        Points whose hull it is.
+    points : array of shape [N, 3], float32
+
+    Returns
+    -------
+    array of shape [N], bool
+        All False if the hull has no volume: fewer than four corners, or all on one plane.
     """
     inside = np.zeros(len(points), bool)
     try:

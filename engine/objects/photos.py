@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.arrays import Mask, Pixels
 from ..photos import load_pixels
 from ..scene import Camera
-from .arrays import Mask, Pixels, Place
+from .prompts import Place
 from .settings import SegmentSettings
 
 if TYPE_CHECKING:
@@ -23,11 +24,18 @@ SamFactory = Callable[[], "SegmentAnything"]
 
 
 class Photos:
-    """Photos of a folder, reduced to `photo_side` pixels on the longer side for the models.
+    """Photos of a folder, reduced for the models. Each is read, and encoded by SAM, once as long as the cache holds it.
 
-    Each is read, and encoded by SAM, once as long as the cache holds it, which has place for `n_vote_views` photos: 3
-    MB of pixels each, and 4 MB of SAM's embeddings. `sam_factory` is called when SAM is first needed; `embeddings`
-    caches what it encodes on disk.
+    Parameters
+    ----------
+    folder : Path
+    settings : SegmentSettings
+        Of them, `photo_side`, the longer side in pixels, and `n_vote_views`, the photos that the cache has place for: 3
+        MB of pixels each, and 4 MB of SAM's embeddings.
+    sam_factory : callable
+        Called when SAM is first needed.
+    embeddings : EmbeddingFolder or None
+        Caches on disk what SAM encodes.
     """
 
     def __init__(
@@ -71,9 +79,23 @@ class Photos:
         outside: Sequence[Place] = (),
         box: tuple[float, float, float, float] | None = None,
     ) -> tuple[Mask, float]:
-        """Return SAM's mask, bool [H, W] at the size of `pixels`, and its estimate of the mask's IoU.
+        """Return SAM's mask, at the size of `pixels`, and its estimate of the mask's IoU.
 
-        The `points` on the object, those `outside` of it, and `box`, x0, y0, x1, y1, are in pixels of the whole photo.
+        Parameters
+        ----------
+        camera : Camera
+        points : sequence of (float, float)
+            Clicks on the object; x, y in pixels of the whole photo.
+        outside : sequence of (float, float)
+            Clicks beside it.
+        box : tuple of 4 float, or None
+            x0, y0, x1, y1 in pixels of the whole photo.
+
+        Returns
+        -------
+        mask : array of shape [H, W], bool
+        iou : float
+            0 to 1.
         """
         scale = np.float32(self.scale(camera))
         places, corners = [*points, *outside], None if box is None else np.asarray(box, np.float32) * scale

@@ -11,16 +11,17 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from ..core.arrays import Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from ..formats import SH_C0
 from ..masks import mask_box
 from ..pictures import Backend, Scene
+from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Polished
 from ..training import AloneTarget, train_alone
-from .arrays import Mask
 from .settings import SegmentSettings
-from .views import MIN_VISIBLE_PIXELS, THRESHOLD, View, Views, erode_mask, inner_box, spread_cameras
+from .views import MIN_VISIBLE_PIXELS, View, Views, erode_mask, inner_box, spread_cameras
 
 __all__ = ["polish"]
 
@@ -35,22 +36,38 @@ support that a Gaussian of the object reaches into."""
 _RIM_PIXELS = 2  # chosen on museum_room
 """Width in pixels of the edge that may be translucent. Inside of it, pixels that mostly show the object are opaque."""
 
-_MARGIN_PIXELS = 8  # by definition
+_MARGIN_PIXELS = 8
 """Margin around the object in the part of a view that is rendered."""
 
-_BLACK_SH = -1 / (2 * SH_C0)  # by definition
+_BLACK_SH = -1 / (2 * SH_C0)
 """Lowest band of the spherical harmonics of a black Gaussian: colour = 1/2 + `SH_C0` sh."""
 
 
 def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_stop: StopCheck) -> Polished | None:
     """Train an object's Gaussians further until, rendered without the scene, it looks as it does in the scene.
 
-    Returns None without `polish_steps`, without `members`, bool [N], and if no view shows them; raises `Cancelled`.
-
     Let s be the share of a pixel that the members contribute in the whole scene. The target coverage is
     (s - 0.3) / 0.4, clipped to [0, 1], and the target colour is the members' own blended colour, divided by s and
     multiplied by the coverage. No photo is needed, and no colour of the background is mixed in. Pixels in which other
     Gaussians are clearly in front of the object do not count. Figures: docs/polished_objects.md.
+
+    Parameters
+    ----------
+    views : Views
+    members : array of shape [N], bool
+    settings : SegmentSettings
+        Of them, `polish_steps` and `n_vote_views`.
+    should_stop : callable
+
+    Returns
+    -------
+    Polished or None
+        None without steps, without members, and if no view shows them.
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` returns True.
     """
     rows = np.flatnonzero(members)
     if settings.polish_steps == 0 or len(rows) == 0:
@@ -81,14 +98,14 @@ def _targets(view: View, scene: Scene, alone: Scene, members: Mask, occluder_dis
     channels = np.column_stack([members.astype(np.float32), scene.depth_of(frame)])
     in_scene = scene.render(frame, color=True, channels=channels)
     share = in_scene.channels[..., 3]
-    if (share > THRESHOLD).sum() < MIN_VISIBLE_PIXELS:
+    if (share > VISIBLE_SHARE).sum() < MIN_VISIBLE_PIXELS:
         return []
     isolated = alone.render(frame, channels=alone.depth_of(frame)[:, None])
     # Mean depths are compared, times both alphas, which may be 0.
     farthest = (isolated.channels[..., 0] - occluder_distance * isolated.alpha) * in_scene.alpha
-    hidden = (share < THRESHOLD) & (in_scene.channels[..., 4] * isolated.alpha < farthest)
+    hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 4] * isolated.alpha < farthest)
     alpha = np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1)
-    alpha[erode_mask(share > THRESHOLD, _RIM_PIXELS)] = 1
+    alpha[erode_mask(share > VISIBLE_SHARE, _RIM_PIXELS)] = 1
     image = in_scene.channels[..., :3] * (alpha / np.maximum(share, _MIN_SHARE))[..., None]
     # Only the part of the view that shows the object is rendered.
     box = mask_box((isolated.alpha > _MIN_SHARE) | (share > _MIN_SHARE))

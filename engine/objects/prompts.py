@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from ..core.arrays import Mask
 from ..core.errors import FormatError, HeritageError, MaskError, PromptError
 from ..core.files import opened
 from ..scene import Camera, CameraSet, PinholeCamera
-from .arrays import Mask
 
 __all__ = [
     "BoxPrompt",
     "ClickPrompt",
     "MaskPrompt",
+    "Place",
     "Point",
     "Prompt",
     "TextPrompt",
@@ -30,6 +31,9 @@ __all__ = [
     "parse_prompt",
 ]
 
+Place = tuple[float, float]
+"""x, y in pixels of a picture from its top left corner."""
+
 _MASK_FORMATS = ("PNG", "TIFF", "BMP", "JPEG", "WEBP", "GIF", "PPM")
 """Formats that Pillow decodes by itself: for some others it starts a program."""
 
@@ -38,7 +42,20 @@ _SAVE_AS_PNG = "Save it as PNG."
 
 @dataclass(frozen=True)
 class TextPrompt:
-    """The name of an object, e.g. ``"left vase"`` seen from `camera`. Raises `PromptError` when the text is empty."""
+    """The name of an object.
+
+    Attributes
+    ----------
+    text : str
+        E.g. ``"left vase"``.
+    camera : Camera, PinholeCamera or None
+        From which left and right are seen.
+
+    Raises
+    ------
+    PromptError
+        When the text is empty.
+    """
 
     text: str
     camera: Camera | PinholeCamera | None = None
@@ -75,7 +92,21 @@ class ClickPrompt:
 
 @dataclass(frozen=True)
 class BoxPrompt:
-    """Two corners of a box in a photo, with x0 < x1 and y0 < y1. Raises `PromptError` when smaller than a pixel."""
+    """A box in a photo.
+
+    Attributes
+    ----------
+    photo : str
+    x0, y0, x1, y1 : float
+        Two corners in pixels, in any order when given; then x0 < x1 and y0 < y1.
+    excluded : tuple of Point
+        As of `ClickPrompt`.
+
+    Raises
+    ------
+    PromptError
+        When the box is smaller than a pixel.
+    """
 
     photo: str
     x0: float
@@ -114,8 +145,22 @@ def parse_prompt(
 ) -> Prompt:
     """Return a prompt from the options of the command line.
 
-    A click is ``PHOTO=x,y``, and several mean one object; a box is ``PHOTO=x0,y0,x1,y1``, a mask ``PHOTO=MASK.png``. A
-    text takes no `excluded` clicks. Raises `PromptError` when not exactly one prompt is given, or one has another form.
+    Parameters
+    ----------
+    text : str, optional
+    click : str or sequence of str, optional
+        ``PHOTO=x,y``; several mean one object.
+    box : str, optional
+        ``PHOTO=x0,y0,x1,y1``.
+    mask : str, optional
+        ``PHOTO=MASK.png``.
+    excluded : sequence of str
+        Clicks on what does not belong to the object. A text takes none.
+
+    Raises
+    ------
+    PromptError
+        When not exactly one prompt is given, or one has another form.
     """
     clicks = [click] if isinstance(click, str) else list(click or ())
     if sum((text is not None, bool(clicks), box is not None, mask is not None)) != 1:
@@ -141,7 +186,13 @@ def parse_prompt(
 
 
 def parse_point(text: str) -> Point:
-    """Return the click that ``PHOTO=x,y`` describes. Raises `PromptError` when `text` does not have this form."""
+    """Return the click that ``PHOTO=x,y`` describes.
+
+    Raises
+    ------
+    PromptError
+        When `text` does not have this form.
+    """
     photo, (x, y) = _photo_and_numbers(text, "PHOTO=x,y")
     return Point(photo, x, y)
 
@@ -175,7 +226,10 @@ def describe_prompt(prompt: Prompt) -> dict[str, Any]:
 def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, cameras: CameraSet) -> Camera:
     """Return the camera of the photo the prompt points into.
 
-    Raises `PromptError` when the photo is unknown or was not registered, or the click or box lies outside of it.
+    Raises
+    ------
+    PromptError
+        When the photo is unknown or was not registered, or the click or box lies outside of it.
     """
     photo, known = prompt.photo, cameras.by_photo
     if photo not in known and photo in cameras.unregistered:
@@ -198,9 +252,16 @@ def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, camer
 
 
 def load_mask(path: Path, camera: Camera) -> Mask:
-    """Return a mask picture as bool [camera.height, camera.width]: True where it is lighter than half.
+    """Return a mask picture: True where it is lighter than half.
 
-    Raises `MaskError` when the file cannot be read, its size differs from the photo's, or no pixel of it is white.
+    Returns
+    -------
+    array of shape [camera.height, camera.width], bool
+
+    Raises
+    ------
+    MaskError
+        When the file cannot be read, its size differs from the photo's, or no pixel of it is white.
     """
     from PIL import Image
 

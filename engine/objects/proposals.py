@@ -14,20 +14,37 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 from scipy.special import logit
 
-from .arrays import SETS_TOGETHER, Float32, Float64, Floats, Int32, Int64, Mask
+from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
-from .graph import SceneGraph, bounded
+from .graph import BELONGS, SceneGraph, bounded
 from .groups import build_groups
+from .lifting import MAX_COMMON
 from .views import MIN_VISIBLE_PIXELS, SAME_IOU
-from .votes import THRESHOLD, Votes, votes_of_known
+from .votes import Votes, votes_of_known
 
-__all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
+__all__ = ["LARGE", "LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
+
+_SETS_TOGETHER = 16
+"""Sets of Gaussians that are solved together. More need more memory and are hardly faster."""
 
 _ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """IoU above which two proposals look alike."""
 
 _USUAL_EXTENT = 0.12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Extent (`Views.extent`) of a usual object."""
+
+LARGE = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Pixels that show a set in a photo, relative to the photo with the most, from which on the photo shows it well."""
+
+_SHAPE_WEIGHT = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weight of how a set stands, of what the photos say and of its extent, in the log-odds of being an object. Fitted were
+1.96, 2.48 and 1.47."""
+
+_ISOLATION_WEIGHT = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weight of the isolation and the share of a set in these log-odds, fitted were 0.54 and 0.74."""
+
+_USUAL_SHAPE = 1.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Sum of the measurements with `_SHAPE_WEIGHT` that says nothing for or against an object."""
 
 LEAST_PROBABILITY = 0.25  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Probability from which on a set may be an object, before and after it was looked at."""
@@ -37,9 +54,16 @@ LEAST_PROBABILITY = 0.25  # chosen on room_1, room_2, room_3, room_4, room_5, ro
 class Proposals:
     """K sets of Gaussians that may be objects, in a scene with P photos in its graph.
 
-    `members`, [K, N], may overlap: a part and its whole are two proposals. `odds`, [K], are the log-odds of being an
-    object, in descending order. `like`, [K], is the number of a likelier proposal that looks the same, or of the
-    proposal itself. `shown`, [K, P], are the pixels that show each set in each photo.
+    Attributes
+    ----------
+    members : array of shape [K, N], bool
+        Sets may overlap: a part and its whole are two proposals.
+    odds : array of shape [K], float32
+        Log-odds of being an object, in descending order.
+    like : array of shape [K], int32
+        Number of a likelier proposal that looks the same, or of the proposal itself.
+    shown : array of shape [K, P], float32
+        Pixels that show each set in each photo.
     """
 
     members: Mask
@@ -49,7 +73,7 @@ class Proposals:
 
 
 def find_proposals(context: SegmentationContext) -> Proposals:
-    """Return each segment of each photo, and each group, solved like a mask; raises `Cancelled` when the user stops.
+    """Return each segment of each photo, and each group, solved like a mask.
 
     With the weights of the links between Gaussians that leave a set, of all links of the set (or of the rest, if they
     are less) and of the leaving ones times the height at which they leave, its share of the Gaussians, its extent, and,
@@ -57,6 +81,11 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     log-odds of being an object are
 
         (ln(links / leaving) + ln(share)) / 2 + 2 (ln(leaving / rising) + mean IoU - ln(extent / 0.12)^2 - 1)
+
+    Raises
+    ------
+    Cancelled
+        When the user stops.
     """
     views, graph = context.views, context.graph
     pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
@@ -71,7 +100,7 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     share = np.log(np.asarray(solved.mean(axis=1)).ravel())
     heights = context.means[:, 2]  # Z is up
     isolation, standing = _isolation(solved, graph, heights)
-    odds = (isolation + share) / 2 + 2 * (standing + agreement - unusual - 1)
+    odds = _ISOLATION_WEIGHT * (isolation + share) + _SHAPE_WEIGHT * (standing + agreement - unusual - _USUAL_SHAPE)
     likely = np.flatnonzero((odds >= logit(LEAST_PROBABILITY)) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
     first = _first_alike(graph.iou(solved[likely], solved[likely]), SAME_IOU)
@@ -83,14 +112,24 @@ def find_proposals(context: SegmentationContext) -> Proposals:
 
 
 def apart(members: Mask, gains: Floats) -> list[int]:
-    """Return which sets, bool [K, N], to choose for a large sum of `gains`, [K]; best first, and none without gain.
+    """Return which sets to choose for a large sum of gains.
 
-    No two overlap by more than half of the smaller one. The largest gains are chosen first; then a set is exchanged for
-    several others, or several for one, for as long as that makes the sum larger.
+    No two overlap by more than `MAX_COMMON` of the smaller one. The largest gains are chosen first; then a set is
+    exchanged for several others, or several for one, for as long as that makes the sum larger.
+
+    Parameters
+    ----------
+    members : array of shape [K, N], bool
+    gains : array of shape [K], float
+
+    Returns
+    -------
+    list of int
+        Numbers of sets with a gain above 0, the best first.
     """
     sets = csr_matrix(members, dtype=np.float32)
     sizes = np.asarray(sets.sum(axis=1)).ravel()
-    conflict = (sets @ sets.T).toarray() > THRESHOLD * np.minimum(sizes[:, None], sizes)
+    conflict = (sets @ sets.T).toarray() > MAX_COMMON * np.minimum(sizes[:, None], sizes)
     order = [int(number) for number in np.argsort(-gains, kind="stable") if gains[number] > 0]
 
     def filled(chosen: list[int], without: Sequence[int] = ()) -> list[int]:
@@ -128,20 +167,20 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
 
     def solved(start: int) -> csr_matrix:
         context.check_stop()
-        stop, passed = start + SETS_TOGETHER, len(segments)
+        stop, passed = start + _SETS_TOGETHER, len(segments)
         together = groups[max(0, start - passed) : max(0, stop - passed)].T
         votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
         both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
         memberships = graph.memberships(both, context.settings.strictness)
-        members = np.stack([bounded(membership, context.means) for membership in memberships]) >= THRESHOLD
+        members = np.stack([bounded(membership, context.means) for membership in memberships]) >= BELONGS
         return csr_matrix(members, dtype=np.float32)
 
     rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]
     # NumPy and SciPy leave the interpreter to the other threads while they compute.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for part in pool.map(solved, range(0, count, SETS_TOGETHER)):
+        for part in pool.map(solved, range(0, count, _SETS_TOGETHER)):
             rows.append(part)
-            context.tell(min((len(rows) - 1) * SETS_TOGETHER / count, 1), "Looking for objects")
+            context.tell(min((len(rows) - 1) * _SETS_TOGETHER / count, 1), "Looking for objects")
     sets = csr_matrix(vstack(rows))
     kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
     return sets[kept], kept
@@ -186,5 +225,5 @@ def _agreement(iou: Float32, photo: Int32, shown: Float32) -> Float64:
     first = np.flatnonzero(np.diff(photo, prepend=-1))
     if len(first):
         best[:, photo[first]] = np.maximum.reduceat(iou, first, axis=1)
-    seen = shown >= THRESHOLD * shown.max(axis=1, initial=0, keepdims=True)
+    seen = shown >= LARGE * shown.max(axis=1, initial=0, keepdims=True)
     return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)

@@ -8,28 +8,30 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import expit
 
+from ..core.arrays import Mask
 from ..core.errors import PromptError
 from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
-from .arrays import Mask, Place
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, require_known
 from .graph import bounded
 from .lifting import FoundObject, Levels, is_same, isolate_object
 from .looks import load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
-from .prompts import Prompt, TextPrompt
+from .prompts import Place, Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, apart
-from .settings import SURE_SCORE, PaperSettings
+from .settings import DEFAULT_THRESHOLD, SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
-from .votes import THRESHOLD, votes_of_known
+from .votes import votes_of_known
 
 __all__ = ["NoMatchError", "find_everything", "find_objects", "mask_at"]
 
 _MIN_NAME_SCORE = 0.17  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""
 
+_NEAREST = 0.5
+"""Score relative to the best from which on what a refused text names least badly is shown as a candidate."""
 
 _LOOKS = {
     "hardly": "hardly looks like it",
@@ -40,7 +42,13 @@ _LOOKS = {
 
 
 class NoMatchError(PromptError):
-    """Nothing in the scene looks enough like the text; `candidates` look most like it, the best first."""
+    """Nothing in the scene looks enough like the text.
+
+    Attributes
+    ----------
+    candidates : tuple of FoundObject
+        What looks most like it, the best first.
+    """
 
     def __init__(self, message: str, candidates: Sequence[FoundObject]) -> None:
         super().__init__(message)
@@ -50,8 +58,14 @@ class NoMatchError(PromptError):
 def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObject]:
     """Return the objects of a scene that `prompt` asks for, the best first; at least one.
 
-    Raises `PromptError` when no object was found, `NoMatchError` when every candidate looks too little like a text, and
-    `Cancelled` when the user stops.
+    Raises
+    ------
+    NoMatchError
+        When every candidate looks too little like a text.
+    PromptError
+        When no object was found for another reason.
+    Cancelled
+        When the user stops.
     """
     if isinstance(context.settings, PaperSettings):
         return find_objects_of_paper(context, prompt, context.settings)
@@ -63,10 +77,27 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
 
 
 def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click: Place) -> Mask:
-    """Return where the object under a pixel of any view of the scene is visible in that view: bool, of its full size.
+    """Return where the object under a pixel of any view of the scene is visible in that view.
 
-    `camera` is that of a photo, or any other one; `click` is x, y in pixels of the picture from its top left corner.
-    Raises `PromptError` when the click lies outside of the picture or no Gaussian is there, `Cancelled` on request.
+    Parameters
+    ----------
+    context : SegmentationContext
+    camera : Camera or PinholeCamera
+        That of a photo, or any other one.
+    click : (float, float)
+        x, y in pixels of the picture from its top left corner.
+
+    Returns
+    -------
+    array of shape [height, width], bool
+        The full size of `camera`.
+
+    Raises
+    ------
+    PromptError
+        When the click lies outside of the picture, or no Gaussian is there.
+    Cancelled
+        When the user stops.
     """
     x, y = click
     if not (0 <= x < camera.width and 0 <= y < camera.height):
@@ -74,7 +105,7 @@ def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click:
         raise PromptError(f"The click {x:g},{y:g} lies outside of the picture, {size}.")
     view = context.views.from_anywhere(camera)
     found = isolate_object(context, [evidence_of_places([click], view, context)])
-    return view.to_photo(context.views.visible_share(view, found.members) > THRESHOLD)
+    return view.to_photo(context.views.visible(view, found.members))
 
 
 def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundObject]:
@@ -111,7 +142,7 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
             different.append(int(number))
     least = max(settings.least_score, settings.relative_score * float(scores.max()))
     wanted = [number for number in different if scores[number] >= least]
-    nearest = [number for number in different if scores[number] >= THRESHOLD * scores.max()]
+    nearest = [number for number in different if scores[number] >= _NEAREST * scores.max()]
     answers, members, found = wanted or nearest, looks.members, []
     for done, number in enumerate(answers, start=1):
         # Of its versions that score nearly as much, the likeliest whole object; none that is also another answer.
@@ -135,7 +166,12 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
 
     Of the proposals (`engine.objects.looks`), those are chosen that do not overlap and have the largest sum of
     probabilities of being an object, each less the least one. Names are suggested by the detector; without one the
-    score is 0. Raises `Cancelled` when the user stops.
+    score is 0.
+
+    Raises
+    ------
+    Cancelled
+        When the user stops.
     """
     graph, looks = context.graph, load_or_build_looks(context)
     chosen = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
@@ -146,8 +182,8 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     # What stands on something larger keeps its Gaussians.
     for k in np.argsort(members.sum(axis=0), kind="stable"):
         membership = bounded(np.where(taken, np.float32(0), solved[k]), context.means)
-        taken |= membership >= THRESHOLD
+        taken |= membership >= DEFAULT_THRESHOLD
         name, score = names[k] if names[k][1] >= _MIN_NAME_SCORE else ("", 0.0)
-        if (membership >= THRESHOLD).any():
+        if (membership >= DEFAULT_THRESHOLD).any():
             objects.append(FoundObject(Levels((membership,)), score, name=name))
     return sorted(objects, key=lambda item: -item.score)

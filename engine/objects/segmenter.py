@@ -13,33 +13,34 @@ from typing import Any
 
 import numpy as np
 
+from ..core.arrays import Float32, Mask, Pixels
 from ..core.errors import FormatError, ObjectError, PromptError
 from ..core.events import Emit, StopCheck, Warned
 from ..core.settings import to_dict
-from ..core.words import called_nearly, normalised, similarly_spelt
+from ..core.words import normalised, similarly_spelt
 from ..project.folder import ProjectFolder
-from ..project.objects import PICTURE_FILE, ObjectRecord, delete_object, found_again, keep_version, new_id, new_name
+from ..project.objects import PICTURE_FILE, ObjectRecord, delete_object, keep_version, new_id, new_name
 from ..project.provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
 from ..scene import Camera, PinholeCamera, Polished
-from .arrays import Float32, Mask, Pixels
 from .candidate_file import cut_out, forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
 from .evidence import evidence_of_clicks, find_evidence, meant_by
-from .lifting import FoundObject, Levels, corrected, is_same, isolate_object
+from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
 from .polishing import polish
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
-from .settings import SURE_SCORE, SegmentSettings
+from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings
 from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
-from .views import OUTER
-from .votes import BELOW_HALF, THRESHOLD
 
 __all__ = ["BACKGROUND", "Segmenter", "TextResult"]
 
 BACKGROUND = "background"
 """Prompt kind, name and id of the background."""
+
+_MIN_LEFT = 0.05
+"""Share of an object that a correction must leave: less is a rest of scattered Gaussians, not a smaller object."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +54,22 @@ class TextResult:
 
 @dataclass(frozen=True)
 class Segmenter:
-    """Isolates, corrects and stores the objects of a trained project, which is open for writing.
+    """Isolates, corrects and stores the objects of a trained project.
 
-    The factories are called when their model is first needed; for `emit` and `should_stop` see `engine.core.events`.
-    The views are rendered, and the votes counted, on `device`. All methods raise `HeritageError` when a part of the
-    project is missing or damaged, and `Cancelled`, with nothing stored, when `should_stop` returns True.
+    All methods raise `HeritageError` when a part of the project is missing or damaged, and `Cancelled`, with nothing
+    stored, when `should_stop` returns True.
+
+    Attributes
+    ----------
+    project : ProjectFolder
+        Open for writing.
+    settings : SegmentSettings
+    detector_factory, sam_factory : callable
+        Called when their model is first needed.
+    emit, should_stop : callable
+        See `engine.core.events`.
+    device : Device
+        Renders the views and counts the votes.
     """
 
     project: ProjectFolder
@@ -81,10 +93,23 @@ class Segmenter:
     ) -> list[ObjectRecord]:
         """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
 
-        An object that exists, see `_same_as`, is not stored: the record of that one is returned in
-        its place, which a warning says. For `again` see `segment_each_text`; the progress is told to `context`. Raises
-        `PromptError` when no object was found. The nearest candidates of a text are then stored
-        (`engine.objects.candidate_file`).
+        An object that exists, see `_same_as`, is not stored: the record of that one is returned in its place, which a
+        warning says.
+
+        Parameters
+        ----------
+        prompt : Prompt
+        name : str
+        again : sequence of (str or None)
+            As of `segment_each_text`.
+        context : SegmentationContext or None
+            To which the progress is told; None for the segmenter's own.
+
+        Raises
+        ------
+        PromptError
+            When no object was found. The nearest candidates of a text are then stored
+            (`engine.objects.candidate_file`).
         """
         started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context
         try:
@@ -94,11 +119,13 @@ class Segmenter:
             if isinstance(prompt, TextPrompt):
                 nearest = error.candidates if isinstance(error, NoMatchError) else ()
                 ids = {one.name: one.id for one in list_objects(self.project.path) if one.id != BACKGROUND}
-                message += called_nearly(prompt.text, ids)
+                alike = similarly_spelt([normalised(prompt.text)], ids)
+                if alike:
+                    message += f" The scene has an object that is called {' or '.join(map(repr, alike))}."
                 remember_candidates(
                     self.project.path, prompt.text, message, nearest, context.photos,
                     suggestions=meant_by(prompt.text, context.detector),
-                    alike=[ids[name] for name in similarly_spelt([normalised(prompt.text)], ids)],
+                    alike=[ids[name] for name in alike],
                     same=[self._nearly(one.members) for one in nearest],
                 )  # fmt: skip
             raise PromptError(message) from error
@@ -111,9 +138,26 @@ class Segmenter:
     def segment_texts(
         self, texts: Sequence[str], name: str | None, camera: Camera | PinholeCamera | None = None
     ) -> tuple[list[ObjectRecord], dict[str, str]]:
-        """Store the objects of texts as `name`, by default as the text; left and right are those of `camera`.
+        """Store the objects of texts.
 
-        Returns also the reason by refused text, which is emitted as a warning; raises `PromptError` if all are refused.
+        Parameters
+        ----------
+        texts : sequence of str
+        name : str or None
+            Of the objects; None names them after their text.
+        camera : Camera, PinholeCamera or None
+            From which left and right are seen.
+
+        Returns
+        -------
+        records : list of ObjectRecord
+        refused : dict of str to str
+            Reason by refused text, which is emitted as a warning.
+
+        Raises
+        ------
+        PromptError
+            When all texts are refused.
         """
         forget_candidates(self.project.path)
         results = list(self.segment_each_text({text: name or text for text in texts}, camera=camera))
@@ -135,10 +179,17 @@ class Segmenter:
     ) -> Iterator[TextResult]:
         """Store the objects of each text, and yield its result then. A refused text does not end the others.
 
-        `names` are those of the objects by text. Texts to `skip` were segmented before, e.g. in a run that was killed,
-        and yield nothing. `again` are, by text, the ids of its objects that are made again, in the order of an earlier
-        run: each keeps its id and name, and None stands for one that is not stored. Left and right are those of
-        `camera`.
+        Parameters
+        ----------
+        names : mapping of str to str
+            Names of the objects by text.
+        skip : collection of str
+            Texts that were segmented before, e.g. in a run that was killed. They yield nothing.
+        again : mapping of str to sequence of (str or None), optional
+            By text, the ids of its objects that are made again, in the order of an earlier run: each keeps its id and
+            name, and None stands for one that is not stored.
+        camera : Camera, PinholeCamera or None
+            From which left and right are seen.
         """
         for number, (text, name) in enumerate(names.items()):
             if text in skip:
@@ -152,9 +203,19 @@ class Segmenter:
                 yield TextResult(text, tuple(records))
 
     def accept_candidate(self, number: int, name: str | None) -> list[ObjectRecord]:
-        """Store a candidate of a refused text that the user accepted, by default named after the text.
+        """Store a candidate of a refused text that the user accepted.
 
-        Raises `PromptError` if there is no candidate `number` in `engine.objects.candidate_file.CANDIDATES`.
+        Parameters
+        ----------
+        number : int
+            As in `engine.objects.candidate_file.CANDIDATES`.
+        name : str or None
+            None names the object after the text.
+
+        Raises
+        ------
+        PromptError
+            When there is no candidate of this number.
         """
         started = time.perf_counter()
         candidate = load_candidate(self.project.path, number)
@@ -165,17 +226,30 @@ class Segmenter:
         return self._store(self.context.part(1, 2), [found], asked, name or candidate.text, started)
 
     def refine(self, name: str, clicks: Sequence[Point], excluded: Sequence[Point]) -> ObjectRecord:
-        """Correct a stored object by clicks on what to add, and on what to remove; at least one.
+        """Correct a stored object by clicks; at least one.
 
         The object keeps its id and name, and loses its levels: they were versions of the old one, which is copied to
-        the trash. Raises `ObjectError` if there is no such object or it belongs to an earlier training, and
-        `PromptError` if a click hits no Gaussian or nothing of the object would remain.
+        the trash.
+
+        Parameters
+        ----------
+        name : str
+            Name or id of the object.
+        clicks, excluded : sequence of Point
+            On what to add, and on what to remove.
+
+        Raises
+        ------
+        ObjectError
+            When there is no such object, or it belongs to an earlier training.
+        PromptError
+            When a click hits no Gaussian, or nothing of the object would remain.
         """
         record, context = load_object(self.project.path, name), self.context
         before = membership_in(self.project.path, record, len(context.means))
         membership = corrected(context, evidence_of_clicks(clicks, excluded, context), before)
         n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
-        if n_left < max(1.0, OUTER * n_before):
+        if n_left < max(1.0, _MIN_LEFT * n_before):
             raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
         correction = {"clicks": [asdict(one) for one in clicks], "not": [asdict(one) for one in excluded]}
         changed = replace(record, level=0, levels=(), refined=(*record.refined, correction))
@@ -184,7 +258,10 @@ class Segmenter:
     def choose_level(self, name: str, level: int) -> ObjectRecord:
         """Replace a stored object by its level number `level`; 0 is the smallest part.
 
-        Raises `ObjectError` if there is no such object or level, or it belongs to an earlier training.
+        Raises
+        ------
+        ObjectError
+            When there is no such object or level, or the object belongs to an earlier training.
         """
         record = load_object(self.project.path, name)
         levels = load_levels(self.project.path, record.id)
@@ -210,8 +287,18 @@ class Segmenter:
     def segment_everything(self) -> tuple[list[ObjectRecord], list[str], ObjectRecord]:
         """Store every object of the scene that is not stored yet, and the background.
 
-        Returns the new objects in descending order of score, the ids of those that were found again and stay unchanged,
-        and the background. Raises `PromptError` if the scene contains nothing but background.
+        Returns
+        -------
+        records : list of ObjectRecord
+            New objects in descending order of score.
+        known : list of str
+            Ids of those that were found again and stay unchanged.
+        background : ObjectRecord
+
+        Raises
+        ------
+        PromptError
+            When the scene contains nothing but background.
         """
         started = time.perf_counter()
         found = find_everything(self.context.part(0, 2))
@@ -220,7 +307,7 @@ class Segmenter:
             raise PromptError("No object was found in front of the background of this scene. Click on an object.")
         new: list[FoundObject] = []
         kept: dict[str, None] = {}
-        stored = {key: one >= THRESHOLD for key, one in existing.items()}
+        stored = {key: one >= DEFAULT_THRESHOLD for key, one in existing.items()}
         for number, item in enumerate(found, start=1):
             same = [key for key, members in stored.items() if is_same(item.members, members)]
             kept |= dict.fromkeys(same)
@@ -232,7 +319,10 @@ class Segmenter:
     def store_background(self) -> ObjectRecord:
         """Store the Gaussians that belong to no object as one more; an earlier background goes to the trash.
 
-        Raises `ObjectError` if the scene has no objects.
+        Raises
+        ------
+        ObjectError
+            When the scene has no objects.
         """
         from ..training import load_gaussians
 
@@ -244,8 +334,8 @@ class Segmenter:
                 "This scene has no objects yet, so everything would be background. Isolate one, or use --all."
             )
         highest = np.maximum.reduce(list(memberships.values()))
-        # 1 - m. At exactly 0.5 a Gaussian belongs to the object only, never to both.
-        membership = np.where(highest >= THRESHOLD, np.minimum(1 - highest, BELOW_HALF), 1 - highest)
+        # 1 - m. At exactly the threshold a Gaussian belongs to the object only, never to both.
+        membership = np.where(highest >= DEFAULT_THRESHOLD, np.minimum(1 - highest, BELOW_THRESHOLD), 1 - highest)
         for record in list_objects(self.project.path):
             if record.prompt.get("kind") == BACKGROUND:
                 delete_object(self.project, record.id, why="replaced by a new background")
@@ -273,7 +363,7 @@ class Segmenter:
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:
-                self.emit(Warned(found_again(item.name or name, same, int(item.members.sum()))))
+                self.emit(Warned(_found_again(item.name or name, same, int(item.members.sum()))))
                 records.append(same)
                 continue
             polished = next(each)
@@ -297,20 +387,20 @@ class Segmenter:
         """Return the object of exactly these Gaussians, bool [N], or nearly these if asked for so and changed since."""
         count = int(members.sum())
         for record in list_objects(self.project.path):
-            counts = (record.n_scene_gaussians, count if record.was_changed(asked) else record.n_gaussians)
+            counts = (record.n_scene_gaussians, count if _was_changed(record, asked) else record.n_gaussians)
             if record.prompt.get("kind") == BACKGROUND or counts != (len(members), count):
                 continue
             # A damaged object equals none; what reads it says so.
             with contextlib.suppress(FormatError):
                 stored = load_membership(self.project.path, record.id) >= record.threshold
-                if np.array_equal(stored, members) or (record.was_changed(asked) and is_same(stored, members)):
+                if np.array_equal(stored, members) or (_was_changed(record, asked) and is_same(stored, members)):
                     return record
         return None
 
     def _nearly(self, members: Mask) -> str | None:
         """Return the id of the stored object that `members`, bool [N], are a version of; None for no object."""
         for object_id, membership in self._memberships(len(members)).items():
-            if is_same(membership >= THRESHOLD, members):
+            if is_same(membership >= DEFAULT_THRESHOLD, members):
                 return object_id
         return None
 
@@ -323,14 +413,14 @@ class Segmenter:
 
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
         """Return the record of a new object, with an id and a name that no other object of the project has."""
-        counts = [int((level >= THRESHOLD).sum()) for level in item.levels.memberships]
+        counts = [int((level >= DEFAULT_THRESHOLD).sum()) for level in item.levels.memberships]
         evidence = [{"photo": one.view.camera.photo, "score": one.score} for one in item.evidence]
         several, path = len(counts) > 1, self.project.path
         return ObjectRecord(
             id=new_id(name, taken_ids(path)),
             name=new_name(name, [record.name for record in list_objects(path)]),
             prompt=prompt,
-            threshold=THRESHOLD,
+            threshold=DEFAULT_THRESHOLD,
             score=item.score,
             fit=item.fit,
             n_gaussians=counts[item.levels.chosen],
@@ -351,3 +441,18 @@ class Segmenter:
             for record in list_objects(self.project.path)
             if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
         }
+
+
+def _found_again(name: str, same: ObjectRecord, count: int) -> str:
+    """Return a sentence that `count` Gaussians that were to be stored as `name` are the object `same`, which exists."""
+    if count != same.n_gaussians:
+        return f"{name!r} is {same.name!r}, which was changed since it was isolated, so no second object was stored."
+    which = "exists already with" if name == same.name else "has"
+    owner = "these Gaussians" if name == same.name else f"the Gaussians of {same.name!r}, which exists already"
+    return f"{name!r} {which} exactly {owner}, so no second object was stored."
+
+
+def _was_changed(record: ObjectRecord, asked: dict[str, Any]) -> bool:
+    """Return whether the object was asked for by the text of a prompt, and corrected or resized after."""
+    text, own = (normalised(str(prompt.get("text", ""))) for prompt in (asked, record.prompt))
+    return bool(text) and text == own and bool(record.refined or record.levels)

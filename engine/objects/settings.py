@@ -5,40 +5,61 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..core.settings import require
+from ..pictures.settings import INSTANCE_COSINE
 
-__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "SURE_SCORE", "PaperSettings", "SegmentSettings"]
+__all__ = [
+    "BETTER", "DEFAULT_PRESET", "DEFAULT_THRESHOLD", "PAPER", "PRESETS", "RELEASED", "SURE_SCORE",
+    "PaperSettings", "SegmentSettings",
+]  # fmt: skip
+
+DEFAULT_THRESHOLD = 0.5
+"""Membership from which on a Gaussian belongs to a new object, until the user moves the slider: as much speaks for it
+as against it."""
 
 
 @dataclass(frozen=True)
 class SegmentSettings:
     """Settings of the segmentation of one object by a prompt; docs/design_notes/objects.md tells what was measured.
 
-    A detector that describes no crops searches for a text in `n_text_views` photos, spread over the poses. Detector and
-    SAM get photos of `photo_side` pixels on the longer side; the views in which features are read and votes are counted
-    are rendered with `render_side`. The segments of at most `n_vote_views` photos are in the graph of the scene
-    (`engine.objects.graph`) and are proposals; an object is polished in as many views.
-
-    `strictness` is the weight of a pixel beside an object relative to one inside of it (`SceneGraph.solve`), above 0:
-    smaller values give larger objects.
-
-    Each proposal is cut out of at most `n_crop_views` photos. When everything looks less than `least_score`, 0 to
-    1, like a text, the text is not found; otherwise what scores at least `relative_score`, 0 to 1, of the best
-    score is an object, but at most `max_objects` are. Of versions of an object with such scores, it is the
-    likeliest whole one. Before an object is stored, its Gaussians are polished alone (`engine.objects.polishing`)
-    in `polish_steps` training steps; 0 keeps them as they are in the scene.
+    Attributes
+    ----------
+    n_text_views : int
+        Photos, spread over the poses, in which a detector that describes no crops searches for a text.
+    photo_side : int
+        Longer side, in pixels, of the photos that detector and SAM get.
+    render_side : int
+        Longer side, in pixels, of the views in which features are read and votes are counted.
+    n_vote_views : int
+        Photos whose segments are in the graph of the scene (`engine.objects.graph`) and are proposals; views in which
+        an object is polished.
+    strictness : float
+        Weight of a pixel beside the object relative to one inside of it (`SceneGraph.solve`), above 0: smaller values
+        give larger objects.
+    n_crop_views : int
+        Photos that each proposal is cut out of.
+    least_score : float
+        0 to 1. When everything looks less like a text, the text is not found.
+    relative_score : float
+        0 to 1. What scores at least this much of the best score is an object; of versions of an object with such
+        scores, it is the likeliest whole one.
+    max_objects : int
+        Objects that one text names.
+    polish_steps : int
+        Training steps in which the Gaussians of an object are polished alone before it is stored
+        (`engine.objects.polishing`); 0 keeps them as they are in the scene.
     """
 
     n_text_views: int = 8  # chosen on museum_room
-    photo_side: int = 1024  # by definition
+    photo_side: int = 1024
     render_side: int = 480  # chosen on museum_room
     n_vote_views: int = 24  # chosen on museum_room
     strictness: float = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     n_crop_views: int = 4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-    least_score: float = 0.5  # by definition
+    least_score: float = 0.5
     relative_score: float = (
         0.92  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms, museum_room
     )
-    max_objects: int = 8  # by definition
+    max_objects: int = 8
     polish_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
@@ -56,11 +77,17 @@ class SegmentSettings:
 class PaperSettings(SegmentSettings):
     """Settings of the published method (`engine.objects.paper`).
 
-    Of the other settings it uses the sizes, `n_text_views`, `relative_score` and `max_objects`. A Gaussian belongs when
-    its feature has at least the `cosine`, -1 to 1, with that of the mask. `erode_pixels` are removed along the border
-    of a mask before its feature is read, because features mix at silhouettes. Gaussians farther than `outlier_iqr`
-    interquartile ranges from the quartiles on any axis are ignored for the convex hull (Gaussian Grouping: 1.0); None
-    ignores none.
+    Of the other settings it uses the sizes, `n_text_views`, `relative_score` and `max_objects`.
+
+    Attributes
+    ----------
+    cosine : float
+        -1 to 1. A Gaussian belongs when its feature has at least this cosine with that of the mask.
+    erode_pixels : int
+        Pixels that are removed along the border of a mask before its feature is read: features mix at silhouettes.
+    outlier_iqr : float or None
+        Interquartile ranges from the quartiles, on any axis, beyond which a Gaussian is ignored for the convex hull
+        (Gaussian Grouping: 1.0); None ignores none.
     """
 
     cosine: float
@@ -79,14 +106,14 @@ BETTER = SegmentSettings()
 
 PAPER = PaperSettings(
     relative_score=0.6,  # chosen on museum_room
-    polish_steps=0,  # by definition
-    cosine=0.7,  # published: Dahaghin et al. 2024
+    polish_steps=0,
+    cosine=INSTANCE_COSINE,
     erode_pixels=2,  # chosen on museum_room
-    outlier_iqr=1.0,  # published: Ye et al. 2024
+    outlier_iqr=1.0,  # Ye et al. 2024
 )
-"""Dahaghin et al. (2024): cosine 0.7 to the best-fitting mask of several views, then the convex hull."""
+"""Dahaghin et al. (2024): the cosine to the best-fitting mask of several views, then the convex hull."""
 
-RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)  # published: Dahaghin et al. 2024
+RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)  # Dahaghin et al. 2024
 """The paper's released code, which differs from its text: one photo, and no outliers removed before the hull."""
 
 PRESETS: dict[str, SegmentSettings] = {"paper": PAPER, "released": RELEASED, "better": BETTER}

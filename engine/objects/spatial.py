@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.arrays import Floats
 from ..core.errors import PromptError
 from ..scene import Camera, PinholeCamera
-from .arrays import Floats
 
 __all__ = ["Extent", "SpatialText", "choose", "parse_spatial", "showing_camera"]
 
@@ -41,9 +41,15 @@ _PATTERNS = (
 
 @dataclass(frozen=True)
 class SpatialText:
-    """A text taken apart: its noun, spatial word, and what the word relates the noun to, empty for "the left vase".
+    """A text taken apart.
 
-    `word` is ``left``, ``right``, ``largest``, ``smallest``, ``on``, ``in``, ``next to`` or empty.
+    Attributes
+    ----------
+    noun : str
+    word : str
+        ``left``, ``right``, ``largest``, ``smallest``, ``on``, ``in``, ``next to`` or empty.
+    other : str
+        What the word relates the noun to; empty for "the left vase".
     """
 
     noun: str
@@ -53,7 +59,13 @@ class SpatialText:
 
 @dataclass(frozen=True)
 class Extent:
-    """`inner_box` of a set of Gaussians, [3] each, in world units."""
+    """`inner_box` of a set of Gaussians.
+
+    Attributes
+    ----------
+    low, center, high : array of shape [3], float
+        World units.
+    """
 
     low: Floats
     center: Floats
@@ -61,11 +73,11 @@ class Extent:
 
     @property
     def size(self) -> float:
-        """Length of the diagonal."""
+        """Length of the diagonal, world units."""
         return float(np.linalg.norm(self.high - self.low))
 
     def gap(self, other: Extent) -> float:
-        """Return the distance between the boxes of the two; 0 where they touch."""
+        """Return the distance between the boxes of the two, world units; 0 where they touch."""
         return float(np.linalg.norm(np.maximum(0, np.maximum(self.low - other.high, other.low - self.high))))
 
     def holds(self, point: Floats, axes: slice = slice(None)) -> bool:
@@ -83,7 +95,13 @@ def parse_spatial(text: str) -> SpatialText:
 
 
 def showing_camera(cameras: Sequence[Camera], extents: Sequence[Extent]) -> Camera:
-    """Return the camera of the nearest photo that shows most of the extents; raises `PromptError` without cameras."""
+    """Return the camera that shows most of the extents, the nearest of several.
+
+    Raises
+    ------
+    PromptError
+        Without cameras.
+    """
     from ..cameras import is_point_visible
 
     if not cameras:
@@ -99,10 +117,27 @@ def showing_camera(cameras: Sequence[Camera], extents: Sequence[Extent]) -> Came
 def choose(
     spatial: SpatialText, found: Sequence[Extent], others: Sequence[Extent], camera: Camera | PinholeCamera | None
 ) -> list[int]:
-    """Return the numbers of the extents in `found`, at least one, that the spatial word means.
+    """Return the numbers of the extents that the spatial word means, at least one.
 
-    `found`, which is not empty, is what the noun names, and `others` what the other noun names. ``left`` and ``right``
-    are seen from `camera`. Raises `PromptError` when nothing is there, or they have no camera.
+    Parameters
+    ----------
+    spatial : SpatialText
+    found : sequence of Extent
+        What the noun names, at least one.
+    others : sequence of Extent
+        What the other noun names.
+    camera : Camera, PinholeCamera or None
+        From which left and right are seen.
+
+    Returns
+    -------
+    list of int
+        Indices of `found`.
+
+    Raises
+    ------
+    PromptError
+        When nothing is there, or left and right have no camera.
     """
     word, other_noun = spatial.word, spatial.other
     if word in ("left", "right") and camera is None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.arrays import Float32, Mask, Pixels
 from ..core.errors import FormatError, HeritageError, ObjectError
 from ..core.files import (
     ArraySpec,
@@ -41,7 +42,6 @@ from ..project.objects import (
     write_record,
 )
 from ..scene import Gaussians, Polished, load_polished, save_polished
-from .arrays import Float32, Mask, Pixels
 
 __all__ = [
     "forget_unreadable_record",
@@ -71,9 +71,23 @@ def save_object(
 ) -> None:
     """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
 
-    The `membership` and each of the `levels`, those of `record.levels`, are in [0, 1], [N]. `previews` are file names
-    without suffix, and pictures as `write_png` takes them. Stored levels and polished Gaussians are deleted when none
-    are given. Raises `DiskError` when the disk is full or read-only.
+    Parameters
+    ----------
+    project : Path
+    record : ObjectRecord
+    membership : array of shape [N], float32
+        0 to 1.
+    previews : sequence of (str, array)
+        File names without suffix, and pictures as `write_png` takes them.
+    levels : sequence of arrays of shape [N], float32
+        Those of `record.levels`, 0 to 1.
+    polished : Polished or None
+        Stored levels and polished Gaussians are deleted when none are given.
+
+    Raises
+    ------
+    DiskError
+        When the disk is full or read-only.
     """
     with replace_together(path_within(project, "objects", record.id), optional=COMPUTED_FILES) as new:
         for name, values in ((MEMBERSHIP_FILE, membership), (LEVELS_FILE, levels if record.levels else ())):
@@ -97,7 +111,13 @@ def load_membership(project: Path, object_id: str) -> Float32:
 
 
 def membership_in(project: Path, record: ObjectRecord, count: int) -> Float32:
-    """Return the membership of an object in a scene of `count` Gaussians; `ObjectError` if in an earlier training."""
+    """Return the membership of an object in a scene of `count` Gaussians, float32 [count].
+
+    Raises
+    ------
+    ObjectError
+        When the object belongs to an earlier training of the scene.
+    """
     membership = load_membership(project, record.id)
     if len(membership) != count:
         raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
@@ -113,7 +133,13 @@ def load_levels(project: Path, object_id: str) -> Float32:
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
-    """Return an object for export: its Gaussians among the scene's, polished; errors as of `membership_in`."""
+    """Return an object for export: its Gaussians among the scene's, polished.
+
+    Raises
+    ------
+    ObjectError
+        When the object belongs to an earlier training of the scene.
+    """
     rows = np.flatnonzero(membership_in(project, record, len(gaussians)) >= record.threshold)
     _require_intact(project, record.id, POLISHED_FILE)
     polished = load_polished(project, record.id)

@@ -10,19 +10,22 @@ import cv2
 import numpy as np
 
 from ..cameras import covering_pinhole, distort, is_point_visible, undistort
+from ..core.arrays import Float32, Floats, Int32, Mask
 from ..core.errors import ObjectError
 from ..pictures import Scene, normalized
+from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Camera, CameraSet, PinholeCamera
-from .arrays import SETS_TOGETHER, Float32, Floats, Int32, Mask
 
 __all__ = [
-    "MIN_VISIBLE_PIXELS", "OUTER", "SAME_IOU", "THRESHOLD", "View", "Views",
+    "MIN_VISIBLE_PIXELS", "OUTER", "SAME_IOU", "View", "Views",
     "erode_mask", "inner_box", "spread_cameras",
 ]  # fmt: skip
 
-THRESHOLD = 0.5  # by definition
-"""Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
-which on the pixel does."""
+_COVERED_ALPHA = 0.5
+"""Alpha above which a pixel shows Gaussians more than what is behind them, so that its feature is one of the scene."""
+
+_INSIDE = 0.5
+"""Value above which a pixel is inside of a mask that was resampled: the nearer of 0 and 1."""
 
 SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """IoU above which two sets of Gaussians are the same."""
@@ -30,16 +33,26 @@ SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, roo
 MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 """Smallest area in a view's frame that shows what an object is, in pixels."""
 
-OUTER = 0.05  # by definition
+OUTER = 0.05
 """Share of the Gaussians of a set, at each end of an axis, that its box leaves out."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Rendered features of one photo's `camera`, in an undistorted `frame`, [h, w], that contains the whole photo.
+    """Rendered features of one photo.
 
-    `features`, [h, w, D], are at unit length. `within` are the pixels inside of the photo, and `covered` those of them
-    of which Gaussians cover more than half, [h, w] both.
+    Attributes
+    ----------
+    camera : Camera
+        Of the photo.
+    frame : PinholeCamera
+        An undistorted picture of h x w pixels that contains the whole photo.
+    features : array of shape [h, w, D], float32
+        At unit length.
+    covered : array of shape [h, w], bool
+        Pixels of `within` of which Gaussians cover more than half.
+    within : array of shape [h, w], bool
+        Pixels inside of the photo.
     """
 
     camera: Camera
@@ -49,23 +62,33 @@ class View:
     within: Mask
 
     def from_photo(self, mask: Mask) -> Mask:
-        """Return a mask of the photo, at any resolution, in the frame."""
+        """Return a mask of the photo, bool at any resolution, in the frame, [h, w]."""
         return self.labels_from_photo(mask.astype(np.int32)) > 0
 
     def labels_from_photo(self, labels: Int32) -> Int32:
-        """Return a label map of the photo, at any resolution, in the frame; 0 outside of the photo."""
+        """Return a label map of the photo, int32 at any resolution, in the frame, [h, w]; 0 outside of the photo."""
         return np.where(self.within, undistort(labels, self.camera, self.frame, interpolation="nearest"), np.int32(0))
 
     def to_photo(self, mask: Mask) -> Mask:
-        """Return a mask of the frame in the photo at full resolution."""
-        return np.asarray(distort(mask.astype(np.float32), self.frame, self.camera) > THRESHOLD)
+        """Return a mask of the frame, [h, w], in the photo at full resolution, bool [H, W]."""
+        return np.asarray(distort(mask.astype(np.float32), self.frame, self.camera) > _INSIDE)
 
 
 @dataclass
 class Views:
-    """Views of one scene, `render_side` pixels on the longer side, each rendered at its first use.
+    """Views of one scene, each rendered at its first use.
 
-    Raises `ObjectError` when the scene has no features.
+    Attributes
+    ----------
+    scene : Scene
+    cameras : CameraSet
+    render_side : int
+        Longer side of each view in pixels.
+
+    Raises
+    ------
+    ObjectError
+        When the scene has no features.
     """
 
     scene: Scene
@@ -104,7 +127,7 @@ class Views:
             rendered = self.scene.render(frame, channels=self.scene.gaussians.features)
             photo = np.ones((frame.height, frame.width), np.uint8)
             within = np.asarray(undistort(photo, camera, frame, interpolation="nearest")) > 0
-            covered = (rendered.alpha > THRESHOLD) & within
+            covered = (rendered.alpha > _COVERED_ALPHA) & within
             self._views[camera.photo] = View(camera, frame, normalized(rendered.channels), covered, within)
         return self._views[camera.photo]
 
@@ -118,15 +141,28 @@ class Views:
         return self.of(Camera("", camera.width, camera.height, "PINHOLE", lens, camera.viewmat))
 
     def visible_share(self, view: View, members: Mask) -> Float32:
-        """Return the share of each pixel of `view` that the members, bool [N], contribute, occluded by the others."""
+        """Return the share of each pixel that the members contribute, occluded by all others.
+
+        Parameters
+        ----------
+        view : View
+        members : array of shape [N], bool
+
+        Returns
+        -------
+        array of shape [h, w], float32
+            0 to 1.
+        """
         return self.scene.share(view.frame, members)
 
+    def visible(self, view: View, members: Mask) -> Mask:
+        """Return the pixels of `view` that show the members, bool [N]: of which they make up more than half."""
+        return self.visible_share(view, members) > VISIBLE_SHARE
+
     def visible_masks(self, view: View, members: Mask) -> Iterator[Mask]:
-        """Yield for each of K sets of Gaussians, bool [K, N], where it makes up more than half of a pixel of `view`."""
-        for start in range(0, len(members), SETS_TOGETHER):
-            weights = members[start : start + SETS_TOGETHER].T.astype(np.float32)
-            shares = self.scene.render(view.frame, channels=weights).channels
-            yield from np.moveaxis((shares > THRESHOLD) & view.within[..., None], -1, 0)
+        """Yield `visible` within the photo of `view`, bool [h, w], for each of K sets of Gaussians, bool [K, N]."""
+        for share in self.scene.shares(view.frame, members):
+            yield (share > VISIBLE_SHARE) & view.within
 
     def extent(self, members: Mask) -> float:
         """Return the longest side of the `inner_box` of the members, bool [N], in `length_unit`; 0 for none."""
@@ -141,7 +177,16 @@ class Views:
 
 
 def inner_box(means: Floats) -> Floats:
-    """Return low, middle and high corner, [3, 3], of n > 0 positions, [n, 3], without a twentieth at each end."""
+    """Return low, middle and high corner of positions, without a twentieth at each end of an axis.
+
+    Parameters
+    ----------
+    means : array of shape [n, 3], float, n > 0
+
+    Returns
+    -------
+    array of shape [3, 3], float
+    """
     return np.quantile(means, (OUTER, 1 / 2, 1 - OUTER), axis=0)
 
 

@@ -6,23 +6,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arrays import Float32, Mask
-from .views import THRESHOLD, View, Views
+from ..core.arrays import Float32, Mask
+from .views import View, Views
 
-__all__ = ["BELOW_HALF", "THRESHOLD", "MaskEvidence", "Votes", "count_votes", "votes_of_known"]
-
-BELOW_HALF = np.nextafter(np.float32(THRESHOLD), np.float32(0))  # by definition
-"""Largest membership of a Gaussian that does not belong."""
+__all__ = ["MaskEvidence", "Votes", "count_votes", "votes_of_known"]
 
 
 @dataclass(frozen=True)
 class MaskEvidence:
-    """A mask in one view that shows the object of a prompt, or, `excluded`, a thing that is not part of it.
+    """A mask in one view that shows the object of a prompt, or a thing that is not part of it.
 
-    The `mask`, [h, w], is in the frame of the `view`; all other pixels of the photo show something else. `score`, 0 to
-    1, is the detector's for a text, SAM's estimate of its IoU for a click or a box, and 1 for a mask that is `given`:
-    the user drew it, and it shows the whole object. Where the Gaussians of the object are known, `members`, [N], they
-    vote for it instead of the pixels of the mask, and all others against it but those that the mask shows.
+    Attributes
+    ----------
+    view : View
+    mask : array of shape [h, w], bool
+        In the frame of the view. All other pixels of the photo show something else.
+    score : float
+        0 to 1: the detector's for a text, SAM's estimate of its IoU for a click or a box, 1 for a given mask.
+    given : bool
+        The user drew the mask, and it shows the whole object.
+    excluded : bool
+        The mask shows what is not part of the object.
+    members : array of shape [N], bool, or None
+        The Gaussians of the object where they are known. They vote for it in place of the pixels of the mask, and all
+        others against it but those that the mask shows.
     """
 
     view: View
@@ -35,7 +42,13 @@ class MaskEvidence:
 
 @dataclass(frozen=True)
 class Votes:
-    """Pixels that each Gaussian contributes to what evidence shows, and to what it shows beside: [N], float32."""
+    """Pixels, in blending weights, that each Gaussian contributes to what evidence shows, and to the rest of the photo.
+
+    Attributes
+    ----------
+    inside, outside : array of shape [N] or [N, K], float32
+        K is the number of sets that are solved together.
+    """
 
     inside: Float32
     outside: Float32
@@ -44,7 +57,12 @@ class Votes:
 def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
     """Return the votes of a mask: a pixel votes with the blending weights of its Gaussians.
 
-    `pixels`, [N], are those with which each Gaussian votes where the members are known.
+    Parameters
+    ----------
+    views : Views
+    item : MaskEvidence
+    pixels : array of shape [N], float32
+        Pixels with which each Gaussian votes where the members are known.
     """
     masks = np.dstack([item.mask, item.view.within & ~item.mask]).astype(np.float32)
     inside, outside = views.scene.votes(item.view.frame, masks).T
@@ -54,5 +72,14 @@ def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
 
 
 def votes_of_known(members: Mask, pixels: Float32, *, undecided: Mask | bool = False) -> Votes:
-    """Return the votes of known members, bool [N], with `pixels` each; all others but `undecided` vote against."""
+    """Return the votes of known members.
+
+    Parameters
+    ----------
+    members : array of shape [N] or [N, K], bool
+    pixels : array of shape [N] or [N, 1], float32
+        Pixels with which each Gaussian votes.
+    undecided : array of the shape of `members`, bool, or bool
+        Gaussians that do not vote. All others vote against the members.
+    """
     return Votes(members * pixels, ~(members | undecided) * pixels)

@@ -17,12 +17,12 @@ from pathlib import PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from .look import Look, area_reduced
 from .names import compared_stem
 
 __all__ = ["ComparedPhoto", "copies_among", "summary_of_copies"]
 
-Float32 = NDArray[np.float32]
 
 _THUMB = 16
 """Side of the thumbnails by which pairs are preselected, in pixels."""

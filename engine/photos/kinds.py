@@ -8,6 +8,8 @@ from typing import IO
 
 from ..core.errors import HeritageError
 from ..core.files import opened
+from ..scene import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES
+from .settings import VIDEO_SUFFIXES
 from .tiff import TIFF_STARTS, is_raw_tiff
 
 __all__ = [
@@ -67,16 +69,9 @@ _SHARED_BRANDS = frozenset({b"mif1", b"mif2", b"msf1", b"miaf"})
 """Brands of HEIC and AVIF alike; the compatible brands state which it is."""
 _AUDIO_BRANDS = frozenset({b"M4A ", b"M4B ", b"M4P "})
 
-_PICTURE_SUFFIXES = frozenset(
-    {".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif", ".hif"}
-)
-_RAW_SUFFIXES = frozenset(
-    {".cr2", ".cr3", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"}
-)
-_VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".insv", ".webm"})
+_VIDEO_SUFFIXES = frozenset({*VIDEO_SUFFIXES, ".insv"})
 _MOVING_SUFFIXES = frozenset({".mov", ".mp4"})
 """Of the moving part of a Live Photo, which has the name of its photo."""
-_OTHER_SUFFIXES = frozenset({".bmp", ".gif", ".avif", ".jxl", ".jp2", ".psd", ".exr", ".hdr"})
 
 
 def kind_of_file(path: Path) -> str | None:
@@ -112,11 +107,11 @@ def refusal_of(kind: str | None, suffix: str) -> str | None:
         Suffix of its name, which shows what the user takes it for where the content says nothing.
     """
     suffix = suffix.lower()
-    if kind == RAW or (kind is None and suffix in _RAW_SUFFIXES):
+    if kind == RAW or (kind is None and suffix in RAW_SUFFIXES):
         return "Raw camera files are not read; export it as JPEG or TIFF."
     if kind == VIDEO or (kind is None and suffix in _VIDEO_SUFFIXES):
         return "Videos beside photos are not read; reconstruct the video itself, or add frames of it as JPEG."
-    if kind is None and suffix in _OTHER_SUFFIXES:
+    if kind is None and suffix in OTHER_SUFFIXES:
         kind = suffix[1:].upper()
     if kind is not None and kind not in PICTURES:
         return f"{kind} files are not read; save it as JPEG, PNG or TIFF."
@@ -143,7 +138,7 @@ def live_photo_of(name: str, kind: str | None, stills: Iterable[str]) -> str | N
 
 def has_suffix_of_picture(name: str) -> bool:
     """Return whether a file of this name is listed as a photo or with a reason, whatever it contains."""
-    return Path(name).suffix.lower() in _PICTURE_SUFFIXES | _RAW_SUFFIXES | _VIDEO_SUFFIXES | _OTHER_SUFFIXES
+    return Path(name).suffix.lower() in READ_SUFFIXES | RAW_SUFFIXES | _VIDEO_SUFFIXES | OTHER_SUFFIXES
 
 
 def _kind_of_head(head: bytes) -> str | None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageFilter
 
+from ..core.arrays import Mask
 from ..core.errors import PhotoError
 from ..core.files import ArraySpec, atomic_write, read_array
 from ..core.visible_text import visible
@@ -31,7 +32,6 @@ from .pixels import (
 
 __all__ = ["load_pixels", "load_valid", "load_with_valid", "stored_orientation", "write_with_valid"]
 
-Valid = NDArray[np.bool_]
 
 _MIN_ALPHA = 250
 """Smallest alpha of a valid pixel. Pixels with a smaller alpha are blended with the white background."""
@@ -68,14 +68,14 @@ def load_pixels(path: Path, *, max_side: int | None = None) -> NDArray[np.uint8]
     return load_with_valid(path, None, max_side=max_side)[0]
 
 
-def load_valid(path: Path, mask: Path | None, *, max_side: int | None = None) -> Valid | None:
+def load_valid(path: Path, mask: Path | None, *, max_side: int | None = None) -> Mask | None:
     """Return which pixels of a photo are valid, see `load_with_valid`."""
     return load_with_valid(path, mask, max_side=max_side)[1]
 
 
 def load_with_valid(
     path: Path, mask: Path | None, *, max_side: int | None = None, over_black: bool = False
-) -> tuple[NDArray[np.uint8], Valid | None]:
+) -> tuple[NDArray[np.uint8], Mask | None]:
     """Return the pixels of a photo as from `load_pixels`, and which of them are valid.
 
     Parameters
@@ -143,7 +143,7 @@ def write_with_valid(path: str, mask: str | None, max_side: int | None, over_bla
 
 def _decoded(
     path: Path, mask: Path | None, max_side: int | None, over_black: bool
-) -> tuple[NDArray[np.uint8], Valid | None]:
+) -> tuple[NDArray[np.uint8], Mask | None]:
     with photo_errors(path):
         image, _ = open_photo(path, max_side=max_side)
         pixels, alpha = upright_with_alpha(image, max_side=max_side)
@@ -159,7 +159,7 @@ def _decoded(
         return pixels, None if valid.all() else valid
 
 
-def _empty(alpha: NDArray[np.uint8]) -> Valid:
+def _empty(alpha: NDArray[np.uint8]) -> Mask:
     """Return which pixels are transparent, without a margin around what is not."""
     width = 2 * max(1, round(_EMPTY_MARGIN * max(alpha.shape))) + 1
     largest = Image.fromarray(alpha)
@@ -176,7 +176,7 @@ def _header_of_mask(mask: Path) -> PhotoHeader:
         raise _unreadable(mask, error) from error
 
 
-def _read_mask(mask: Path) -> Valid:
+def _read_mask(mask: Path) -> Mask:
     """Return the mask in its stored orientation, False where it is black."""
     try:
         image, _ = open_photo(mask)
@@ -193,7 +193,7 @@ def _unreadable(mask: Path, error: PhotoError) -> PhotoError:
     return PhotoError(f"The mask {visible(str(mask))} cannot be read: {error}")
 
 
-def _to_upright(valid: Valid, mask: Path, photo: Path, stored: tuple[int, int], orientation: int) -> Valid:
+def _to_upright(valid: Mask, mask: Path, photo: Path, stored: tuple[int, int], orientation: int) -> Mask:
     """Return the mask upright; `stored` is the photo's width and height before its EXIF `orientation` is applied."""
     size, transpose = (valid.shape[1], valid.shape[0]), UPRIGHT_TRANSPOSES.get(orientation)
     upright = stored[::-1] if orientation >= 5 else stored
@@ -208,7 +208,7 @@ def _to_upright(valid: Valid, mask: Path, photo: Path, stored: tuple[int, int], 
     )
 
 
-def _reduced(valid: Valid, width: int, height: int) -> Valid:
+def _reduced(valid: Mask, width: int, height: int) -> Mask:
     """Return the mask in `width` x `height` pixels, True where all pixels of `valid` that contribute are True."""
     if valid.shape == (height, width):
         return valid

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32, Pixels
+
 __all__ = ["Look", "LookBuilder", "area_reduced"]
 
 _SIDE = 192
@@ -27,9 +29,6 @@ _EXTREME = 32
 """A pixel is nearly black or white when its value is at most this far from 0 or from the brightest value."""
 _N_COLOURS = 8
 """Number of the most frequent colours whose shares are kept: a mask has one per object."""
-
-Gray = NDArray[np.uint8]
-Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class Look:
 
     width: int
     height: int
-    small: Gray
-    detail: Gray
+    small: Pixels
+    detail: Pixels
     gray_share: float
     dark_share: float
     bright_share: float
@@ -179,10 +178,10 @@ def _crop_starts(n: int) -> tuple[int, int]:
     return start, n - start - side
 
 
-def _values_of(array: Gray) -> list[Any]:
+def _values_of(array: Pixels) -> list[Any]:
     return [list(array.shape), base64.b64encode(array.tobytes()).decode("ascii")]
 
 
-def _array_of(values: list[Any]) -> Gray:
+def _array_of(values: list[Any]) -> Pixels:
     shape, encoded = values
     return np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(shape)

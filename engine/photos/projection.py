@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..core.arrays import Float32
 from .exif import without_pillow_warnings
 
 __all__ = ["FISHEYE", "Circle", "circle_of", "fisheye_photos", "unusual_picture"]
 
-Gray = NDArray[np.float32]
 Circle = tuple[float, float, float]
 """Centre and radius as shares of the shorter side, the centre relative to that of the picture."""
 
@@ -64,7 +64,7 @@ _MIN_LIT = 0.6  # share of the circle that is not black
 _NARROW = 0.75  # focal length over the shorter side; no fisheye lens is so long
 
 
-def unusual_picture(image: Image.Image, name: str, gray: Gray) -> str | None:
+def unusual_picture(image: Image.Image, name: str, gray: Float32) -> str | None:
     """Return why a picture is no ordinary view, as a sentence; None where it may be one.
 
     Parameters
@@ -94,7 +94,7 @@ def unusual_picture(image: Image.Image, name: str, gray: Gray) -> str | None:
     return None
 
 
-def circle_of(gray: Gray) -> Circle | None:
+def circle_of(gray: Float32) -> Circle | None:
     """Return the circle that holds all light of a picture, as a round fisheye lens gives it; None for other pictures.
 
     Parameters
@@ -190,12 +190,12 @@ def _is_named_so(name: str) -> bool:
     return Path(name).name.lower().startswith(_SCREENSHOT_NAMES)
 
 
-def _is_twice_as_wide(gray: Gray) -> bool:
+def _is_twice_as_wide(gray: Float32) -> bool:
     height, width = gray.shape
     return abs(width - 2 * height) <= max(2, 0.01 * height)
 
 
-def _wraps_around(gray: Gray) -> bool:
+def _wraps_around(gray: Float32) -> bool:
     """Return whether a picture of 2:1 joins at its sides and has one point of the world in its first and last rows."""
     left, right = _detail(gray[:, :2].mean(axis=1)), _detail(gray[:, -2:].mean(axis=1))
     if min(left.std(), right.std()) < _MIN_EDGE_TEXTURE:
@@ -208,7 +208,7 @@ def _wraps_around(gray: Gray) -> bool:
     return wraps > _MIN_WRAP and jump < _MAX_JUMP and poles < _MAX_POLE * usual
 
 
-def _detail(values: Gray) -> Gray:
+def _detail(values: Float32) -> Float32:
     """Return the changes along a column that are shorter than about a tenth of it."""
     size = max(3, len(values) // 10) | 1
     padded = np.pad(values, size // 2, mode="edge")

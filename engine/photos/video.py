@@ -25,8 +25,8 @@ __all__ = ["extract_frames", "is_video"]
 
 STAGE = "frames"
 _SCHEMA = {"made_from": str, "settings": dict, "files": [str], "complete": bool}
-_FLOW_SIDE = 160  # by definition: motion is a share of the width, and a coarse picture shows it
-_SHARPNESS_SIDE = 640  # by definition: as photos are trained, so blur below a pixel of it does not matter
+_FLOW_SIDE = 160  # motion is a share of the width, and a coarse picture shows it
+_SHARPNESS_SIDE = 640  # as photos are trained, so blur below a pixel of it does not matter
 _QUALITY = 95
 _OPTIONS_VARIABLE = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 _OPTIONS = "format_whitelist;mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpeg,asf|protocol_whitelist;file"

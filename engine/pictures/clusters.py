@@ -7,11 +7,12 @@ import colorsys
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from .scene import normalized
+from .settings import INSTANCE_COSINE
 
 __all__ = ["cluster_colors", "find_clusters", "principal_colors"]
 
-Float32 = NDArray[np.float32]
 
 _SAMPLE_SIZE = 3000
 """Features that are clustered, drawn by weight."""
@@ -27,7 +28,7 @@ def find_clusters(
     features: NDArray[np.floating],
     weights: NDArray[np.floating],
     *,
-    cosine: float = 0.7,
+    cosine: float = INSTANCE_COSINE,
     max_clusters: int = 64,
     seed: int = 0,
 ) -> Float32:

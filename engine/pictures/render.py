@@ -8,15 +8,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from ..core.errors import ObjectError, SettingsError
 from ..scene import Camera, Gaussians, PinholeCamera
 from .clusters import cluster_colors, find_clusters, principal_colors
 from .png import write_png
 from .scene import Backend, Scene, normalized
+from .settings import INSTANCE_COSINE, VISIBLE_SHARE
 
 __all__ = [
     "DEPTH_STEPS_PER_UNIT",
-    "INSTANCE_COSINE",
     "Subject",
     "click_mask",
     "render_view",
@@ -27,9 +28,6 @@ __all__ = [
 DEPTH_STEPS_PER_UNIT = 1000
 """Grey values of a depth picture per unit of the normalised world. 0 means no surface, 65535 this depth or more."""
 
-INSTANCE_COSINE = 0.7
-"""Smallest cosine between the features of an instance (Dahaghin et al. 2024)."""
-
 _MAX_FEATURE_SIDE = 1600
 """Longest side in pixels at which features are rendered, to limit the memory of 16 channels. The coloured picture is
 resized to the photo."""
@@ -37,11 +35,7 @@ resized to the photo."""
 _MIN_COVERAGE = 0.5
 """Coverage above which a pixel of a depth, instance or click picture counts as covered."""
 
-_MAX_SETS_PER_PASS = 16
-"""Sets of Gaussians rendered in one pass. Each needs one float per pixel."""
-
 Subject = Literal["rgb", "mask", "depth", "features", "instances"]
-Float32 = NDArray[np.float32]
 
 
 def render_view(
@@ -163,11 +157,8 @@ def visible_masks(
     The same as `render_view` with ``what="mask"``, for several sets in one pass.
     """
     frame = _frame(camera)
-    for start in range(0, len(members), _MAX_SETS_PER_PASS):
-        weights = np.stack(members[start : start + _MAX_SETS_PER_PASS], axis=1).astype(np.float32)
-        shares = scene.render(frame, channels=weights).channels
-        for channel in range(shares.shape[2]):
-            yield np.asarray(_to_photo(np.ascontiguousarray(shares[..., channel]), frame, camera) > 0.5)
+    for share in scene.shares(frame, members):
+        yield np.asarray(_to_photo(share, frame, camera) > VISIBLE_SHARE)
 
 
 def _frame(camera: Camera | PinholeCamera, *, max_side: int | None = None) -> PinholeCamera:
@@ -245,7 +236,7 @@ def _feature_picture(
         basis, low, high = principal_colors(whole.features, whole.opacities)
         colors = np.clip((unit @ basis - low) / (high - low), 0, 1) * rendered.alpha[..., None]
     else:
-        centers = find_clusters(whole.features, whole.opacities, cosine=INSTANCE_COSINE)
+        centers = find_clusters(whole.features, whole.opacities)
         colors = np.zeros((*unit.shape[:2], 3), np.float32)
         if len(centers):
             cosines = unit @ centers.T

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from ..core.errors import EnvironmentProblem
 from ..rasterizer import MAX_CHANNELS, rasterize
 from ..rasterizer.settings import Backend, RasterSettings
@@ -21,11 +22,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
-Float32 = NDArray[np.float32]
 _Result = TypeVar("_Result")
 
 _CHANNELS_PER_PASS = MAX_CHANNELS - 3
 """Channels rendered in one pass, in addition to the three of a colour. More channels take several passes."""
+
+_SETS_PER_PASS = 16
+"""Sets of Gaussians rendered in one pass. Each needs one float per pixel."""
 
 _MAX_CACHE_BYTES = 500_000_000
 """Memory for projected and sorted views. A view of 40,000 Gaussians, 480 pixels wide, takes about 5 MB."""
@@ -158,6 +161,15 @@ class Scene:
         if self.backend == "cpu" and len(self):
             return self._cached_view(camera).share(members)
         return self.render(camera, channels=members.astype(np.float32)[:, None]).channels[..., 0]
+
+    def shares(
+        self, camera: PinholeCamera, members: Sequence[NDArray[np.bool_]] | NDArray[np.bool_]
+    ) -> Iterator[Float32]:
+        """Yield `share` for each of K sets of Gaussians, bool [N] each, of which several are rendered in one pass."""
+        for start in range(0, len(members), _SETS_PER_PASS):
+            weights = np.stack(list(members[start : start + _SETS_PER_PASS]), axis=1).astype(np.float32)
+            shares = self.render(camera, channels=weights).channels
+            yield from np.ascontiguousarray(np.moveaxis(shares, -1, 0))
 
     def depth_of(self, camera: PinholeCamera) -> Float32:
         """Return the depth of each centre along the view axis of `camera`, shape [N], in world units."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numba import njit
-from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from ..core.errors import NumericalError
 from .finite import all_finite
 from .jit import JIT
@@ -18,7 +18,6 @@ from .threads import Share, new_counters, run_shared, take_range
 
 __all__ = ["AdamState", "adam_step"]
 
-Float32 = NDArray[np.float32]
 
 _VALUES_PER_RANGE = 4096
 """Number of neighbouring values that a thread processes before it takes the next ones."""

@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from .blend_forward import (
     GEOMETRY_SIZE,
     PREFETCH_DISTANCE,
@@ -54,7 +55,6 @@ from .tile_spans import TILE
 
 __all__ = ["MOMENTS_SIZE", "blend_tiles_backward"]
 
-Float32 = NDArray[np.float32]
 f4 = np.float32
 
 MOMENTS_SIZE = 8

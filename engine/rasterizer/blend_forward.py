@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from .jit import INNER, JIT
 from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 from .simd import (
@@ -63,7 +64,6 @@ __all__ = [
     "prefetch_colors",
 ]
 
-Float32 = NDArray[np.float32]
 f4 = np.float32
 
 BATCH_SIZE = 64

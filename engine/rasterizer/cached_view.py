@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
+from ..core.arrays import Float32
 from ..scene import PinholeCamera
 from .blend_backward import MOMENTS_SIZE
 from .cpu import View, blend_view, padded_channels, pair_gradients, project_view
@@ -17,8 +18,6 @@ from .settings import MAX_CHANNELS, RasterSettings
 from .tile_spans import TILE
 
 __all__ = ["CachedView"]
-
-Float32 = NDArray[np.float32]
 
 
 class CachedView:

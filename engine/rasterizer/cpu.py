@@ -16,6 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch.autograd.function import once_differentiable
 
+from ..core.arrays import Float32, Int32
 from ..core.errors import NumericalError
 from ..scene import PinholeCamera
 from .blend_backward import MOMENTS_SIZE, blend_tiles_backward
@@ -45,9 +46,6 @@ __all__ = [
     "project_view",
     "rasterize_cpu",
 ]
-
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
 
 
 @dataclass

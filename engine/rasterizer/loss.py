@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch.autograd.function import once_differentiable
 
+from ..core.arrays import Float32
 from ..core.errors import NumericalError
 from .loss_kernels import (
     STRIP,
@@ -23,7 +24,6 @@ from .threads import Share, run_shared
 
 __all__ = ["Target", "photometric_loss", "ssim"]
 
-Float32 = NDArray[np.float32]
 
 TARGET_MAX = 2.0
 """Largest absolute value of a target. Values of a photo are in [0, 1]. The variances of SSIM are differences of

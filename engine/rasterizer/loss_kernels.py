@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from .jit import INNER, JIT
 from .simd import fma, load, select, splat, store
 from .threads import Share, take_range
@@ -36,7 +37,6 @@ __all__ = [
     "similarity_and_maps",
 ]
 
-Float32 = NDArray[np.float32]
 f4 = np.float32
 
 PAD = 16

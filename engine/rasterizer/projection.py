@@ -19,6 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32, Float64
 from ..scene import PinholeCamera
 from .finite import rows_finite
 from .jit import INNER, JIT
@@ -63,8 +64,6 @@ __all__ = [
     "viewing_direction",
 ]
 
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 
 VISIBLE, CULLED_NEAR, CULLED_DEGENERATE, CULLED_TRANSPARENT, CULLED_OUTSIDE = 0, 1, 2, 3, 4
 """States of a Gaussian: visible, or the reason why it was culled, see `CulledCounts`."""

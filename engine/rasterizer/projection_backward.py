@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32, Float64
 from .blend_backward import MOMENTS_SIZE
 from .blend_forward import PREFETCH_DISTANCE
 from .finite import rows_finite
@@ -44,9 +45,6 @@ from .spherical_harmonics import sh_basis, sh_basis_gradient
 from .threads import Share, take_range
 
 __all__ = ["project_gaussians_backward"]
-
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 
 
 @njit(**INNER)

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ..core.arrays import Int32, Int64
 from ..core.errors import NumericalError
 from .jit import JIT
 from .projection import GAUSSIANS_PER_RANGE, VISIBLE, Projected
@@ -17,9 +18,6 @@ from .threads import Share, run_shared, take_range
 from .tile_spans import MAX_STORED_ROWS, TILE, walk_tiles
 
 __all__ = ["TileLists", "make_tile_lists"]
-
-Int32 = NDArray[np.int32]
-Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

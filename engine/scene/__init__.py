@@ -15,7 +15,7 @@ from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixel
 from .measurement import ExportFrame, MeasuredDistance, Measurement, Point, export_frame, measurement_problem
 from .measurement_storage import delete_measurement, load_measurement, save_measurement
 from .photo import Photo, PhotoSet, RejectedPhoto
-from .photo_names import NameMatches, match_names, photos_called
+from .photo_names import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES, NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .polished import Polished, load_polished, save_polished
 from .rays import RayCaster, RayHits, photo_ray, surface_point
@@ -25,6 +25,9 @@ __all__ = [
     "MAX_COORDINATE",
     "MAX_LENS_PARAMETER",
     "MAX_PHOTO_SIDE",
+    "OTHER_SUFFIXES",
+    "RAW_SUFFIXES",
+    "READ_SUFFIXES",
     "NameMatches",
     "Camera",
     "CameraHealth",

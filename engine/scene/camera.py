@@ -13,15 +13,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from .camera_health import CameraHealth
 
 __all__ = ["MAX_COORDINATE", "Camera", "CameraSet", "Lens", "PinholeCamera"]
 
-Float64 = NDArray[np.float64]
 
 MAX_COORDINATE = 1e15
 """Largest coordinate, and entry of a matrix. Georeferenced scenes have 1e7; beyond 1e19, squares overflow float32."""
-_NEAREST = 1e-6  # by definition
+_NEAREST = 1e-6
 """Smallest depth of a projected point, world units."""
 
 

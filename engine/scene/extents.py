@@ -12,7 +12,7 @@ __all__ = ["box_of", "far_gaussians", "foot_of"]
 
 _TAILS = (0.01, 0.99)
 """Quantiles of the positions that count as the ends of an object."""
-_NEAR_SHARE = 0.99  # by definition
+_NEAR_SHARE = 0.99
 """Share of the sparse points within the radius of a scene; the others may be wrong matches."""
 _FAR = 1.25  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Radii of a scene beyond which a Gaussian is far. Up to 2, nearly the same ones are; viewers then show more void."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float32
 from ..core.errors import ObjectError
 
 __all__ = ["FEATURE_DIM", "Gaussians"]
@@ -15,7 +16,6 @@ __all__ = ["FEATURE_DIM", "Gaussians"]
 FEATURE_DIM = 16
 """Length of the segmentation feature of a Gaussian (Dahaghin et al. 2024)."""
 
-Float32 = NDArray[np.float32]
 
 _ARRAYS = ("means", "log_scales", "quats", "opacity_logits", "sh")
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from .camera import MAX_COORDINATE, CameraSet
 
 __all__ = [
@@ -26,15 +26,14 @@ __all__ = [
     "measurement_problem",
 ]
 
-Float64 = NDArray[np.float64]
 Point = tuple[float, float, float]
 """A position in the normalised world."""
 
-_MAX_METRES = 1e7  # by definition
+_MAX_METRES = 1e7
 """Longest distance: beyond it no scene on Earth is measured in a straight line."""
-_MIN_LENGTH = 1e-9  # by definition
+_MIN_LENGTH = 1e-9
 """Shortest distance between two points, world units: float64 holds no direction between nearer ones."""
-_MIN_SPREAD = 0.02  # by definition
+_MIN_SPREAD = 0.02
 """Smallest width of the points of a ground relative to their length, about 1 degree: nearer to a line, no plane."""
 
 
@@ -145,7 +144,7 @@ class Measurement:
         up = self.up
         north = np.array([0.0, 1.0, 0.0]) if self.north is None else np.subtract(self.north[1], self.north[0])
         y = _across(north, up)
-        if self.north is None and np.linalg.norm(y) < 0.1:  # by definition: the ground is nearly across Y
+        if self.north is None and np.linalg.norm(y) < 0.1:  # the ground is nearly across Y
             y = _across(np.array([1.0, 0.0, 0.0]), up)
         y /= np.linalg.norm(y)
         linear = (self.metres_per_unit or 1.0) * np.stack([np.cross(y, up), y, up])

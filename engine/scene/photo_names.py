@@ -15,11 +15,19 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from urllib.parse import unquote
 
-__all__ = ["NameMatches", "match_names", "photos_called"]
+__all__ = ["OTHER_SUFFIXES", "RAW_SUFFIXES", "READ_SUFFIXES", "NameMatches", "match_names", "photos_called"]
 
-_PICTURE_SUFFIX = re.compile(
-    r"\.(jpe?g|jpe|jfif|png|tiff?|webp|hei[cf]|hif|avif|jxl|jp2|bmp|gif|exr|dng|cr[23]|n[er]f|nrw|arw|raf|orf|rw2)$"
+READ_SUFFIXES = frozenset(
+    {".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif", ".hif"}
 )
+"""Of pictures that are read as photos."""
+RAW_SUFFIXES = frozenset(
+    {".cr2", ".cr3", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"}
+)
+"""Of raw camera files, which are not read."""
+OTHER_SUFFIXES = frozenset({".bmp", ".gif", ".avif", ".jxl", ".jp2", ".psd", ".exr", ".hdr"})
+"""Of other pictures that are not read."""
+_PICTURE_SUFFIX = re.compile(rf"({'|'.join(map(re.escape, sorted(READ_SUFFIXES | RAW_SUFFIXES | OTHER_SUFFIXES)))})$")
 _BLANK = re.compile(r"[\s_]+")
 _MAX_SHOWN = 3
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.arrays import Float64
 from ..core.errors import CameraError
 from .camera import Camera
 from .gaussians import Gaussians
@@ -20,17 +21,16 @@ from .measurement import Point
 
 __all__ = ["RayCaster", "RayHits", "photo_ray", "surface_point"]
 
-Float64 = NDArray[np.float64]
 
-_ALPHA_MIN, _ALPHA_MAX = 1.0 / 255.0, 0.99  # published: Kerbl 2023
+_ALPHA_MIN, _ALPHA_MAX = 1.0 / 255.0, 0.99  # Kerbl 2023
 """Of a Gaussian at a place: not drawn below, never more; as in the rasterizer."""
-_NEAREST = 1e-6  # by definition
+_NEAREST = 1e-6
 """Smallest distance of a Gaussian from the origin of a ray, world units."""
-_MIN_OPACITY = 0.5  # by definition
+_MIN_OPACITY = 0.5
 """A ray meets a surface where half of its light is blocked."""
-_INVERSION_STEPS = 20  # by definition
+_INVERSION_STEPS = 20
 """Newton steps after which the search for the direction of a pixel has ended in float64, or never will."""
-_INVERSION_TOLERANCE = 1e-3  # by definition
+_INVERSION_TOLERANCE = 1e-3
 """Pixels."""
 
 

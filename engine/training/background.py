@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..core.arrays import Float64, Floats
 from ..scene import Gaussians, PinholeCamera
 from . import gaussians_at
 from .settings import TrainingSettings
@@ -23,8 +24,6 @@ from .views import TrainingView, scene_extent
 
 __all__ = ["background_gaussians"]
 
-Float64 = NDArray[np.float64]
-Points = NDArray[np.floating]
 
 RADIUS = 30.0  # chosen on sakharov_statue32
 """Radius of the sphere around the mean camera, per extent: no parallax between the cameras, within reach of float32."""
@@ -32,24 +31,24 @@ RADIUS = 30.0  # chosen on sakharov_statue32
 OVERLAP = 0.8  # chosen on sakharov_statue32
 """Standard deviation of its Gaussians, in distances between neighbours, so that the sphere has no holes."""
 
-OPACITY = 0.95  # by definition
+OPACITY = 0.95
 """Opacity of its Gaussians."""
 
 UNCOVERED_DISTANCE = 0.1  # chosen on sakharov_statue32, skull66, banana16
 """Distance to the nearest sparse point beyond which a pixel may show the background, as a fraction of the longest
 side."""
 
-WINDOW = 0.05  # by definition
+WINDOW = 0.05
 """Width of the window in which a pixel must be plain, as a fraction of the longest side; its mean colour is read."""
 
 MAX_DEVIATION = 10.0  # chosen on sakharov_statue32, skull66, banana16
 """Largest standard deviation of the brightness in the window of a plain pixel, of 255. Walls and carpets have more."""
 
-MIN_BRIGHTNESS = 40.0  # by definition
+MIN_BRIGHTNESS = 40.0
 """Smallest brightness of the background, of 255, as for pixels that count as dark when they are rendered black."""
 
 
-def background_gaussians(points: Points, views: Sequence[TrainingView], settings: TrainingSettings) -> Gaussians:
+def background_gaussians(points: Floats, views: Sequence[TrainingView], settings: TrainingSettings) -> Gaussians:
     """Return the Gaussians of the sphere that appear in plain areas of training photos, with their median colours.
 
     Parameters
@@ -106,7 +105,7 @@ def _plain(view: TrainingView) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     return np.asarray(cv2.blur(colors, (width, width))), np.asarray(plain)
 
 
-def _uncovered(places: Float64, points: Points, camera: PinholeCamera) -> tuple[NDArray[np.intp], Float64]:
+def _uncovered(places: Float64, points: Floats, camera: PinholeCamera) -> tuple[NDArray[np.intp], Float64]:
     """Return which of `places` appear far from all sparse points, and their pixels, [M, 2]."""
     rows, pixels, _ = camera.project(places)
     _, covered, _ = camera.project(points)

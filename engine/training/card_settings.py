@@ -18,7 +18,7 @@ __all__ = ["CARD_SIZES", "CardSizes", "key_values", "settings_with_sizes", "size
 
 _NOTHING: Mapping[str, int] = MappingProxyType({})
 
-_ROUNDED_TO = 10_000  # by definition
+_ROUNDED_TO = 10_000
 """Numbers of Gaussians that memory decides are multiples of this."""
 
 _GROWTHS, _GROW_FACTOR = 50, 1.1  # chosen on museum_room
@@ -49,7 +49,7 @@ class CardSizes:
 
 
 CARD_SIZES: dict[str, CardSizes] = {
-    "preview": CardSizes(1_500, 0, 1_600, 40_000),  # by definition
+    "preview": CardSizes(1_500, 0, 1_600, 40_000),
     "standard": CardSizes(3_000, 72, 1_600, 100_000),  # chosen on museum_room, sakharov_statue32, banana16
     "best": CardSizes(12_000, 72, 1_600, 300_000),  # chosen on museum_room
 }

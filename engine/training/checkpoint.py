@@ -45,10 +45,10 @@ __all__ = [
 ]
 
 CHECKPOINT_FILE = "training.npz"
-VERSION = 4  # by definition
+VERSION = 4
 """Version of the format, part of the key of a run."""
 
-N_OTHER_RUNS_KEPT = 2  # by definition
+N_OTHER_RUNS_KEPT = 2
 """Number of other runs whose checkpoints are kept. Three checkpoints of the largest preset take half a gigabyte."""
 
 TRANSIENT_MASK_PREFIX = "out_of_place."
@@ -58,7 +58,7 @@ SETTINGS_WITHOUT_EFFECT = ("checkpoint_interval", "preview_seconds")
 """Stored names of the settings that do not change the result."""
 
 _ADVICE = "Training starts again."
-_MAX_MASK_SIDE = 32_766  # by definition
+_MAX_MASK_SIDE = 32_766
 """Pixels; OpenCV cannot resize larger pictures."""
 
 
@@ -149,16 +149,16 @@ class RunState:
     parameters: Parameters
     exposure: torch.Tensor
     exposure_moments: AdamState
-    step: int = 0  # by definition
+    step: int = 0
     sh_limit: int | None = None
     trials: list[Trial] = field(default_factory=list)
     transient_masks: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
     neighbours: torch.Tensor | None = None
-    neighbours_step: int = 0  # by definition
+    neighbours_step: int = 0
     curve: list[CurvePoint] = field(default_factory=list)
     guards: Counter[str] = field(default_factory=Counter)
-    wall_seconds: float = 0.0  # by definition
-    cpu_seconds: float = 0.0  # by definition
+    wall_seconds: float = 0.0
+    cpu_seconds: float = 0.0
 
     def copy(self) -> RunState:
         """Return an independent copy that can be trained further."""

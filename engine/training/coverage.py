@@ -14,19 +14,19 @@ from .parameters import render
 
 __all__ = ["WELL_SEEN", "Coverage"]
 
-WELL_SEEN = 3  # by definition
+WELL_SEEN = 3
 """Number of training photos from which a place counts as well seen: two determine its depth, a third confirms it."""
 
-SIDE = 160  # by definition
+SIDE = 160
 """Longest side of the depth maps of the training photos, pixels."""
 
-COUNTED_SIDE = 320  # by definition
+COUNTED_SIDE = 320
 """Longest side of the pictures in which photos are counted, pixels; larger ones get the counts of the nearest pixel."""
 
-MIN_COVER = 0.5  # by definition
+MIN_COVER = 0.5
 """Least coverage of a pixel whose depth counts; what is more transparent has no surface."""
 
-DEPTH_TOLERANCE = 0.1  # by definition
+DEPTH_TOLERANCE = 0.1
 """How much deeper than the surface that a photo shows a place may lie and still be seen by it, as a fraction."""
 
 

@@ -30,16 +30,16 @@ __all__ = [
     "split",
 ]
 
-MAX_COPIES = 51  # published: Kheradmand et al. 2024
+MAX_COPIES = 51  # Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
 
-OPACITY_MARGIN = 1e-6  # by definition
+OPACITY_MARGIN = 1e-6
 """Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
 
 SPLIT_SHIFT = 0.7  # chosen on museum_room
 """Distance of the halves of a split Gaussian from its centre, in its longest scale."""
 
-MAX_RAISED_OPACITY = 0.999  # by definition
+MAX_RAISED_OPACITY = 0.999
 """Largest opacity that `drop` gives to the Gaussians that are left."""
 
 MAX_WALK = 3.0  # chosen on stability_scenes
@@ -86,7 +86,7 @@ def copy_correction(
 
 _BINOMIALS = torch.tensor(
     [[float(math.comb(n, k)) for k in range(MAX_COPIES + 1)] for n in range(MAX_COPIES + 1)], dtype=torch.float64
-)  # by definition
+)
 
 
 def relocate(parameters: Parameters | Population, *, min_opacity: float, generator: torch.Generator) -> int:

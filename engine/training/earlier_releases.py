@@ -9,8 +9,8 @@ from .settings import PRESETS, TrainingSettings
 
 __all__ = ["former_settings"]
 
-_FORMER_MIN_STEPS = 1500  # by definition
-_FORMER_STOP = 0.05  # by definition
+_FORMER_MIN_STEPS = 1500
+_FORMER_STOP = 0.05
 """``stop_when_flat`` of all presets but ``test`` and ``paper``."""
 
 

@@ -24,7 +24,7 @@ from .views import Level
 
 __all__ = ["GpuSteps"]
 
-CHECKPOINT_SECONDS = 30.0  # by definition
+CHECKPOINT_SECONDS = 30.0
 """Time between two checkpoints: what a card that stops working loses at most."""
 
 

@@ -33,7 +33,7 @@ LIMITS = ("scales_at_limit", "opacities_at_limit")
 """Counts of values that were clamped to a limit of the method, once per Gaussian and step. The gradients keep pushing
 against such a limit, so these counts are large."""
 
-MIN_SCALE = 1e-5  # by definition
+MIN_SCALE = 1e-5
 """Smallest scale of a Gaussian, per extent."""
 
 MAX_SCALE = 2.0  # chosen on museum_room
@@ -42,10 +42,10 @@ MAX_SCALE = 2.0  # chosen on museum_room
 MAX_ASPECT = 50.0  # chosen on museum_room
 """Largest ratio of the longest to the shortest scale of a Gaussian."""
 
-MAX_LOGIT = 13.8  # by definition
+MAX_LOGIT = 13.8
 """Largest absolute opacity logit: opacities stay between 1e-6 and 1 - 1e-6."""
 
-MAX_DISTANCE = 100.0  # by definition
+MAX_DISTANCE = 100.0
 """Largest distance from the mean camera along an axis, per extent. Farther Gaussians show no parallax, and float32
 loses precision there."""
 

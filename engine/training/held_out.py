@@ -35,10 +35,10 @@ __all__ = [
     "write_picture",
 ]
 
-MAX_MEASURED_PHOTOS = 8  # by definition
+MAX_MEASURED_PHOTOS = 8
 """Largest number of photos, evenly spaced, that the error is measured on."""
 
-MIN_SQUARED_ERROR = 1e-10  # by definition
+MIN_SQUARED_ERROR = 1e-10
 """Smallest mean squared error, which limits the PSNR to 100 dB. A photo of 8 bits is accurate to 59 dB."""
 
 
@@ -86,7 +86,7 @@ class Clock(AbstractContextManager["Clock"]):
         Seconds spent before.
     """
 
-    def __init__(self, wall: float = 0.0, cpu: float = 0.0) -> None:  # by definition
+    def __init__(self, wall: float = 0.0, cpu: float = 0.0) -> None:
         self._spent = [wall, cpu]
         self._started: tuple[float, float] | None = None
 

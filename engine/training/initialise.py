@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from ..core.arrays import Float64
 from ..core.errors import TrainingError
 from ..core.events import Emit, Warned, ignore_events
 from ..formats import SH_C0
@@ -24,7 +25,6 @@ __all__ = ["InitialValues", "gaussians_at", "gaussians_from_points", "initial_fe
 
 logger = logging.getLogger(__name__)
 
-Float64 = NDArray[np.float64]
 FeatureInit = Literal["unit", "paper"]
 
 _MIN_POINTS = 500

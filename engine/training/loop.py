@@ -41,7 +41,7 @@ PREVIEW_FILE = "preview.png"
 
 CANCELLED_MESSAGE = "Training was cancelled; the next run continues from where it stopped."
 
-EVENT_INTERVAL = 1.0  # by definition
+EVENT_INTERVAL = 1.0
 """Shortest time between two progress events, seconds."""
 
 GOOD_PSNR = 30.0  # chosen on stability_scenes
@@ -50,10 +50,10 @@ GOOD_PSNR = 30.0  # chosen on stability_scenes
 TRANSIENT_SEARCH_SIDE = 100.0  # chosen on museum_room
 """Longest side of a picture that is large enough to find transients, pixels."""
 
-STEPS_SECONDS = 0.5  # by definition
+STEPS_SECONDS = 0.5
 """Time after which steps that are made at once end, so that progress is seen and a run can be cancelled."""
 
-MAX_STEPS_AT_ONCE = 64  # by definition
+MAX_STEPS_AT_ONCE = 64
 """Largest number of them."""
 
 

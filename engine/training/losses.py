@@ -28,16 +28,16 @@ __all__ = [
 N_NEIGHBOURS = 6  # chosen on museum_room
 """Nearest other Gaussians of each, for `neighbour_regulariser`."""
 
-N_ANCHORS = 1000  # published: Dahaghin et al. 2024
+N_ANCHORS = 1000  # Dahaghin et al. 2024
 """Random Gaussians that L_reg is evaluated on, as in the released code of Dahaghin et al. 2024."""
 
-N_FAR = 5  # published: Dahaghin et al. 2024
+N_FAR = 5  # Dahaghin et al. 2024
 """Largest number of far Gaussians per anchor, as in the released code."""
 
 N_FAR_CANDIDATES = 16  # chosen on museum_room
 """Random Gaussians per anchor among which far ones are searched."""
 
-PAPER_SUBSET = 300_000  # published: Dahaghin et al. 2024
+PAPER_SUBSET = 300_000  # Dahaghin et al. 2024
 """Random Gaussians that `paper_regulariser` is restricted to, as in the released code."""
 
 
@@ -87,7 +87,7 @@ def clustering_loss(
     features: torch.Tensor,
     labelled: LabelledPixels,
     *,
-    n_samples: int = 0,  # by definition
+    n_samples: int = 0,
     generator: torch.Generator | None = None,
 ) -> torch.Tensor:
     """Return L_CC of one picture: a sum over its labelled pixels, divided by the number of segments.
@@ -241,8 +241,8 @@ def paper_regulariser(
     lambda_pull: float,
     lambda_push: float,
     generator: torch.Generator,
-    n_near: int = 2,  # published: Dahaghin et al. 2024
-    n_far: int = 5,  # published: Dahaghin et al. 2024
+    n_near: int = 2,  # Dahaghin et al. 2024
+    n_far: int = 5,  # Dahaghin et al. 2024
 ) -> torch.Tensor:
     """Return L_reg as the released code of Dahaghin et al. 2024 computes it.
 

@@ -35,7 +35,7 @@ class Parameters:
 
     values: dict[str, torch.Tensor]
     moments: dict[str, AdamState]
-    n_background: int = 0  # by definition
+    n_background: int = 0
 
     @classmethod
     def from_gaussians(cls, start: Gaussians, *, sh_degree: int, features: bool) -> Parameters:

@@ -14,7 +14,7 @@ from .spectrum import TYPICAL_SHARES
 
 __all__ = ["ANCHORS", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "Schedule"]
 
-SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP = 1, 2, 3, 4, 5, 6  # by definition
+SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP = 1, 2, 3, 4, 5, 6
 """Purposes of random draws, see `Schedule.generator`."""
 
 SIZE_INDEPENDENT_WORK = 0.25  # chosen on museum_room

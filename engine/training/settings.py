@@ -33,13 +33,13 @@ __all__ = [
     "validation_photos",
 ]
 
-PAPER_PIXELS = 980 * 735  # published: Dahaghin et al. 2024
+PAPER_PIXELS = 980 * 735  # Dahaghin et al. 2024
 """Pixels of the pictures in the paper (Dahaghin et al. 2024), for which its pixel counts and sums over pixels hold."""
 
 _MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
 """Least number of times that a trial trains on each photo."""
 
-MIN_PHOTOS_TO_CHOOSE = 24  # by definition
+MIN_PHOTOS_TO_CHOOSE = 24
 """Least number of training photos of which some are validation photos. With fewer, nothing is chosen during a run, see
 `TrainingSettings.for_photos`."""
 _FEW_PHOTOS_SH_DEGREE = 3  # chosen on herz_jesus25, meeting_place9, banana16, room_6, room_8
@@ -47,7 +47,7 @@ _FEW_PHOTOS_DROPOUT = 0.15  # chosen on herz_jesus25, meeting_place9, banana16, 
 """``sh_degree`` and ``dropout`` with fewer than `MIN_PHOTOS_TO_CHOOSE` training photos."""
 _VALIDATION_EVERY = 8  # chosen on museum_room
 """One of so many training photos is a validation photo."""
-_MAX_VALIDATION_PHOTOS = 8  # by definition
+_MAX_VALIDATION_PHOTOS = 8
 """Largest number of validation photos, all of which are measured at each decision."""
 
 Backend = Literal["cpu", "gpu", "reference"]
@@ -97,7 +97,7 @@ class ScheduleSettings:
     coarse_until: float = 0.5  # chosen on museum_room, sakharov_statue32
     cooldown: float = 0.1  # chosen on museum_room, sakharov_statue32
     cooldown_end: float = 0.05  # chosen on museum_room, sakharov_statue32
-    checkpoint_interval: int = 500  # by definition
+    checkpoint_interval: int = 500
 
     def __post_init__(self) -> None:
         require_at_least(self, 1, "steps", "checkpoint_interval")
@@ -129,7 +129,7 @@ class OptimiserSettings:
     lr_means_end: float = 1.6e-5  # chosen on museum_room
     lr_scales: float = 0.02  # chosen on museum_room
     lr_quats: float = 0.005  # chosen on museum_room
-    lr_opacity: float = 0.05  # published: Kerbl et al. 2023
+    lr_opacity: float = 0.05  # Kerbl et al. 2023
     lr_sh: float = 0.015  # chosen on museum_room
     lr_sh_rest: float = 0.00075  # chosen on museum_room
     lr_features: float = 0.01  # chosen on museum_room
@@ -158,7 +158,7 @@ class LossSettings:
         Fraction of the Gaussians left out of the last training picture; it rises from 0, see `densify.drop`.
     """
 
-    lambda_dssim: float = 0.2  # published: Kerbl et al. 2023
+    lambda_dssim: float = 0.2  # Kerbl et al. 2023
     lambda_opacity: float = 0.01  # chosen on museum_room, stability_scenes
     lambda_opacity_end: float = 0.0001  # chosen on more_rooms, stability_scenes
     lambda_scale: float = 0.002  # chosen on museum_room
@@ -210,9 +210,9 @@ class GrowthSettings:
     grow_from: float = 0.03  # chosen on museum_room
     grow_until: float = 0.8  # chosen on museum_room
     grow_interval: int = 30  # chosen on museum_room
-    grow_factor: float = 1.05  # published: Kheradmand et al. 2024
-    min_opacity: float = 0.005  # published: Kheradmand et al. 2024
-    noise: float = 5e5  # published: Kheradmand et al. 2024
+    grow_factor: float = 1.05  # Kheradmand et al. 2024
+    min_opacity: float = 0.005  # Kheradmand et al. 2024
+    noise: float = 5e5  # Kheradmand et al. 2024
 
     def __post_init__(self) -> None:
         require_at_least(self, 1, "max_gaussians", "grow_interval")
@@ -263,15 +263,15 @@ class FeatureSettings:
         Weight of the disagreement of features along a ray; needs ``feature_init="unit"``.
     """
 
-    train_features: bool = field(default=True, metadata={"stored_as": "features"})  # published: Dahaghin et al. 2024
+    train_features: bool = field(default=True, metadata={"stored_as": "features"})  # Dahaghin et al. 2024
     feature_init: Literal["unit", "paper"] = "unit"  # chosen on museum_room, store_room
-    feature_gradient: Literal["detached", "joint"] = "joint"  # published: Dahaghin et al. 2024
-    lambda_clustering: float = 1e-6  # published: Dahaghin et al. 2024
+    feature_gradient: Literal["detached", "joint"] = "joint"  # Dahaghin et al. 2024
+    lambda_clustering: float = 1e-6  # Dahaghin et al. 2024
     clustering_interval: int = 5  # chosen on museum_room
     clustering_pixels: int = 16_384  # chosen on museum_room
-    min_segment_pixels: int = 100  # published: Dahaghin et al. 2024
-    lambda_pull: float = 0.05  # published: Dahaghin et al. 2024
-    lambda_push: float = 0.15  # published: Dahaghin et al. 2024
+    min_segment_pixels: int = 100  # Dahaghin et al. 2024
+    lambda_pull: float = 0.05  # Dahaghin et al. 2024
+    lambda_push: float = 0.15  # Dahaghin et al. 2024
     regularisation_interval: int = 10  # chosen on museum_room
     regularisation: Literal["neighbours", "paper"] = "neighbours"  # chosen on museum_room
     lambda_ray: float = 0.01  # chosen on museum_room, store_room
@@ -313,7 +313,7 @@ class AppearanceSettings:
 
     sh_degree: int = 1  # chosen on museum_room
     sh_interval: int = 1500  # chosen on museum_room
-    exposure: bool = True  # by definition
+    exposure: bool = True
     lambda_exposure: float = 0.1  # chosen on museum_room, store_room, room_6, room_8, herz_jesus25
     transients: bool = field(default=False, metadata={"stored_as": "passers_by"})  # chosen on museum_room
     trial_fraction: float = field(default=0.025, metadata={"stored_as": "trial"})  # chosen on museum_room
@@ -341,9 +341,9 @@ class MeasurementSettings:
         Time between two preview pictures.
     """
 
-    held_out_every: int = 8  # published: Kerbl et al. 2023
-    curve_points: int = 12  # by definition
-    preview_seconds: float = 30.0  # by definition
+    held_out_every: int = 8  # Kerbl et al. 2023
+    curve_points: int = 12
+    preview_seconds: float = 30.0
 
     def __post_init__(self) -> None:
         require_at_least(self, 0, "held_out_every")
@@ -381,8 +381,8 @@ class TrainingSettings:
     features: FeatureSettings = FeatureSettings()
     appearance: AppearanceSettings = AppearanceSettings()
     measurement: MeasurementSettings = MeasurementSettings()
-    seed: int = 0  # by definition
-    backend: Backend = "cpu"  # by definition
+    seed: int = 0
+    backend: Backend = "cpu"
 
     def __post_init__(self) -> None:
         require_choice(self, "backend", "cpu", "gpu", "reference")
@@ -470,10 +470,10 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
     TrainingPreset(
         "test", "A few seconds of training, for tests.",
         _STANDARD.changed(
-            steps=60, rounds=0, lambda_opacity=0.0, lambda_opacity_end=0.0, max_gaussians=400,  # by definition
-            sh_degree=0, max_side=64, coarse_levels=1, curve_points=3, grow_interval=10,  # by definition
-            checkpoint_interval=20, grow_factor=1.3, clustering_interval=2,  # by definition
-            clustering_pixels=1024, regularisation_interval=4,  # by definition
+            steps=60, rounds=0, lambda_opacity=0.0, lambda_opacity_end=0.0, max_gaussians=400,
+            sh_degree=0, max_side=64, coarse_levels=1, curve_points=3, grow_interval=10,
+            checkpoint_interval=20, grow_factor=1.3, clustering_interval=2,
+            clustering_pixels=1024, regularisation_interval=4,
         ),
         offered=False,
     ),
@@ -490,7 +490,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         _STANDARD.changed(
             steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2,  # chosen on museum_room
             sh_interval=4000, grow_interval=100, lr_means_end=4e-6, lr_end=0.1,  # chosen on museum_room
-            checkpoint_interval=200,  # by definition
+            checkpoint_interval=200,
         ),
     ),
     TrainingPreset(
@@ -498,18 +498,18 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         "The published losses and learning rates (Dahaghin et al. 2024) with a fixed number of Gaussians "
         "(Kheradmand et al. 2024), for comparisons.",
         _STANDARD.changed(
-            steps=30_000, start_opacity=0.1, sh_degree=3, sh_interval=1000,  # published: Kerbl et al. 2023
-            lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001,  # published: Kerbl et al. 2023
-            lr_opacity=0.05, lr_sh=0.0025, lr_sh_rest=0.000125,  # published: Kerbl et al. 2023
-            max_gaussians=1_000_000, lambda_scale=0.01,  # published: Kheradmand et al. 2024
-            lambda_opacity=0.01, lambda_opacity_end=0.01,  # published: Kheradmand et al. 2024
-            growth_strategy="opacity", grow_interval=100,  # published: Kheradmand et al. 2024
-            grow_from=500 / 30_000, grow_until=25_000 / 30_000,  # published: Kheradmand et al. 2024
-            max_side=980, lr_features=0.0025, feature_init="paper",  # published: Dahaghin et al. 2024
-            feature_gradient="joint", clustering_interval=50, clustering_pixels=0,  # published: Dahaghin et al. 2024
-            regularisation="paper", regularisation_interval=100,  # published: Dahaghin et al. 2024
-            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, cooldown=0.0,  # by definition
-            exposure=False, trial_fraction=0.0, lambda_ray=0.0,  # by definition
+            steps=30_000, start_opacity=0.1, sh_degree=3, sh_interval=1000,  # Kerbl et al. 2023
+            lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001,  # Kerbl et al. 2023
+            lr_opacity=0.05, lr_sh=0.0025, lr_sh_rest=0.000125,  # Kerbl et al. 2023
+            max_gaussians=1_000_000, lambda_scale=0.01,  # Kheradmand et al. 2024
+            lambda_opacity=0.01, lambda_opacity_end=0.01,  # Kheradmand et al. 2024
+            growth_strategy="opacity", grow_interval=100,  # Kheradmand et al. 2024
+            grow_from=500 / 30_000, grow_until=25_000 / 30_000,  # Kheradmand et al. 2024
+            max_side=980, lr_features=0.0025, feature_init="paper",  # Dahaghin et al. 2024
+            feature_gradient="joint", clustering_interval=50, clustering_pixels=0,  # Dahaghin et al. 2024
+            regularisation="paper", regularisation_interval=100,  # Dahaghin et al. 2024
+            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, cooldown=0.0,
+            exposure=False, trial_fraction=0.0, lambda_ray=0.0,
         ),
         offered=False,
     ),

@@ -11,7 +11,7 @@ from .views import TrainingView, evenly_spaced_indices
 
 __all__ = ["TYPICAL_SHARES", "coarse_shares"]
 
-MAX_PHOTOS = 8  # by definition
+MAX_PHOTOS = 8
 """Largest number of photos, evenly spaced, whose spectrum is computed."""
 
 TYPICAL_SHARES = (

@@ -17,7 +17,7 @@ from .views import TrainingView
 
 __all__ = ["StartPoints", "initial_values", "start_gaussians"]
 
-N_NEIGHBOURS = 3  # published: Kerbl et al. 2023
+N_NEIGHBOURS = 3  # Kerbl et al. 2023
 """Nearest other points that tell the spacing at a point."""
 
 MAX_SPACINGS = 3.0  # chosen on skull66, sakharov_statue32, room_6, store_room, banana16

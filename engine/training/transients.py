@@ -7,16 +7,14 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from ..core.arrays import Float32, Mask
 from .parameters import Parameters, render
 from .settings import Backend
 from .views import Level
 
 __all__ = ["find_transients"]
 
-Mask = NDArray[np.bool_]
-Float32 = NDArray[np.float32]
 
 MIN_ERROR_RATIO = 3.0  # chosen on museum_room
 """Smallest ratio of the error of a transient's pixel to its expected error."""

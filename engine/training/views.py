@@ -27,10 +27,10 @@ __all__ = [
     "scene_extent",
 ]
 
-TARGET_BYTES_PER_PIXEL = 36  # by definition
+TARGET_BYTES_PER_PIXEL = 36
 """Memory of a prepared `Target` per pixel, bytes."""
 
-MAX_TARGET_BYTES = 1 << 30  # by definition
+MAX_TARGET_BYTES = 1 << 30
 """Largest memory of all prepared targets, bytes. Beyond it they are prepared in each step."""
 
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.core.errors import ObjectError
 from .moved_vertices import main_move
 
 __all__ = ["follow_frame", "frame_of_mesh", "keep_frame", "stored_matrix"]
 
-Float64 = NDArray[np.float64]
 
 _FRAME_KEY = "heritage_frame"
 """Custom property of a mesh: the matrix, row by row, from the normalised world of the project to the mesh."""

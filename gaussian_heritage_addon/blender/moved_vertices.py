@@ -11,10 +11,10 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float32, Float64
+
 __all__ = ["LinearMaps", "linear_maps", "main_map", "main_move", "mark_as_right", "moves_since"]
 
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 LinearMaps = list[tuple[Float64, NDArray[np.intp]]]
 """Linear maps [3, 3], and the rows of the vertices that each moved. Where vertices were only shifted there is none."""
 

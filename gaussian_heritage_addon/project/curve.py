@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float32
 from ...engine.core.errors import HeritageError
 from ...engine.project.folder import PROJECT_FILE, ProjectFolder
 
@@ -18,7 +19,6 @@ __all__ = ["Point", "curve_picture", "stored_curve", "thinned"]
 
 Point = tuple[float, float]
 """Wall seconds of training, and PSNR of the test photos in dB."""
-Picture = NDArray[np.float32]
 
 _LINE = np.array([0.92, 0.49, 0.20], np.float32)
 _GRID = np.array([0.55, 0.55, 0.55], np.float32)
@@ -67,7 +67,7 @@ def thinned(points: Sequence[Point]) -> tuple[Point, ...]:
     return tuple(points[number] for number in np.linspace(0, len(points) - 1, _MAX_POINTS).astype(int))
 
 
-def curve_picture(points: Sequence[Point], width: int = 256, height: int = 160) -> Picture | None:
+def curve_picture(points: Sequence[Point], width: int = 256, height: int = 160) -> Float32 | None:
     """Return an image of PSNR against seconds, for a panel.
 
     Parameters
@@ -132,7 +132,7 @@ def _width(text: str) -> int:
     return (4 * len(text) - 1) * _SCALE
 
 
-def _write(picture: Picture, text: str, x: int, y: int) -> None:
+def _write(picture: Float32, text: str, x: int, y: int) -> None:
     """Write `text` with its lower left corner at (x, y), without the glyphs that would be outside the image."""
     x = min(x, picture.shape[1] - _width(text))
     for number, character in enumerate(text):
@@ -144,7 +144,7 @@ def _write(picture: Picture, text: str, x: int, y: int) -> None:
         _paint(picture, part, _GRID, np.kron(bits, np.ones((_SCALE, _SCALE))))
 
 
-def _paint(picture: Picture, part: Any, color: Picture, alpha: float | NDArray[np.floating]) -> None:
+def _paint(picture: Float32, part: Any, color: Float32, alpha: float | NDArray[np.floating]) -> None:
     """Blend `color` over the slice `part` of the picture. Alpha is straight, not premultiplied."""
     below = picture[part]
     cover = np.broadcast_to(np.asarray(alpha, np.float32), below.shape[:-1])[..., None]

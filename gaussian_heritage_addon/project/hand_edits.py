@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.core.errors import ObjectError
+from ...engine.objects.settings import DEFAULT_THRESHOLD
 from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import (
     COUNT_KEY,
@@ -158,7 +159,7 @@ def new_object(
     with loading(obj.heritage):
         obj.heritage.role, obj.heritage.project = "OBJECT", source.heritage.project
         obj.heritage.kind, obj.heritage.prompt, obj.heritage.score = "hand", "made by hand", 1.0
-        obj.heritage.threshold = 0.5
+        obj.heritage.threshold = DEFAULT_THRESHOLD
     collection[ID_KEY] = ""
     give_new_name(obj, name)
     _mark(obj)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.core.errors import FormatError, HeritageError, ObjectError
 from ...engine.core.files import path_within
 from ...engine.scene import Measurement, Point, load_measurement, save_measurement
@@ -21,8 +21,6 @@ from .project_history import remember_measurement
 from .scene_file import whole_scene
 
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
-
-Float64 = NDArray[np.float64]
 
 
 def current_measurement(project: Path) -> Measurement:

@@ -5,13 +5,11 @@ from __future__ import annotations
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
-from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ..splats.solid_mode import viewports
 
 __all__ = ["follow_move", "move_view"]
-
-Float64 = NDArray[np.float64]
 
 
 def follow_move(scene: bpy.types.Scene, move: Float64) -> None:

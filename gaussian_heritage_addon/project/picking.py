@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.core.errors import CameraError
 from ...engine.scene import Camera, photo_pixels
 
 __all__ = ["FLIP", "View", "photo_pixel", "require_aligned"]
 
-Float64 = NDArray[np.float64]
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Converts between COLMAP's camera axes and Blender's, in both directions."""
 _MAX_ROTATION, _MAX_TRANSLATION = 1e-3, 1e-3

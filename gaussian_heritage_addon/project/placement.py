@@ -11,8 +11,8 @@ from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.core.errors import ObjectError
 from ...engine.scene import ExportFrame, Measurement
 from ..blender.mesh_frame import stored_matrix
@@ -32,7 +32,6 @@ __all__ = [
     "world_from_scene",
 ]
 
-Float64 = NDArray[np.float64]
 
 _MATRIX_KEY = "heritage_placement"
 """Custom property: the matrix, row by row, that took the object from the world of the scene to that of Blender."""

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.core.errors import CameraError, ObjectError
 from ...engine.core.files import path_within
 from ...engine.project.content import photo_camera
@@ -34,7 +35,6 @@ __all__ = [
     "viewport_camera",
 ]
 
-Float64 = NDArray[np.float64]
 
 _MIN_FACING = 0.0
 """Smallest cosine between the directions from which a viewport and a photo look at a point."""

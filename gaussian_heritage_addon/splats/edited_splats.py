@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float32
 from ..blender.guards import Timer, add_change_handler, add_load_handler, remove_change_handler, remove_handler
 from .properties import heritage_objects
 from .solid_mode import redraw_viewports
@@ -18,7 +19,6 @@ from .splats import SplatScene
 
 __all__ = ["EditedSplats", "edited_splats", "is_editing_splats", "register", "unregister", "vertex_flags"]
 
-Float32 = NDArray[np.float32]
 
 _PAUSE = 0.4
 """Seconds without a change after which vertices that are being moved are read."""

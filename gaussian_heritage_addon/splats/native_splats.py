@@ -13,7 +13,15 @@ from ...engine.core.errors import ObjectError
 from ...engine.formats import logits_of
 from ...engine.scene import Gaussians
 
-__all__ = ["copy_as_native", "has_native_splats", "is_native", "native_gaussians", "new_point_cloud"]
+__all__ = [
+    "HARMONICS",
+    "copy_as_native",
+    "has_native_splats",
+    "is_native",
+    "native_gaussians",
+    "new_point_cloud",
+    "number_of_harmonics",
+]
 
 _KINDS = {
     "position": ("FLOAT_VECTOR", "vector", 3),
@@ -23,7 +31,7 @@ _KINDS = {
 }
 """Attributes that all Gaussians have: type, name and number of the values of a point."""
 _SH_KIND = ("FLOAT_VECTOR", "vector", 3)
-_BANDS = (0, 3, 8, 15)
+HARMONICS = (0, 3, 8, 15)
 """Numbers of spherical harmonics beyond the first, for the degrees 0 to 3."""
 
 _TYPE = "GAUSSIAN_SPLAT"
@@ -71,6 +79,22 @@ def has_native_splats(obj: bpy.types.Object | None) -> bool:
     return all(name in obj.data.attributes for name in _KINDS)
 
 
+def number_of_harmonics(data: bpy.types.PointCloud | bpy.types.Mesh, name: str) -> int:
+    """Return how many spherical harmonics beyond the first the points of the object `name` have.
+
+    Raises
+    ------
+    ObjectError
+        When some are missing.
+    """
+    count = 0
+    while f"radiance:sh_{count}" in data.attributes:
+        count += 1
+    if count not in HARMONICS:
+        raise ObjectError(f"{name} lacks some of its colours (radiance:sh). Import the object again.")
+    return count
+
+
 def native_gaussians(obj: bpy.types.Object) -> Gaussians:
     """Return the Gaussians of a point cloud in the frame of the object, with what its modifiers change.
 
@@ -82,11 +106,7 @@ def native_gaussians(obj: bpy.types.Object) -> Gaussians:
     cloud = obj.data
     if obj.modifiers:
         cloud = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    bands = 0
-    while f"radiance:sh_{bands}" in cloud.attributes:
-        bands += 1
-    if bands not in _BANDS:
-        raise ObjectError(f"{obj.name} lacks some of its colours (radiance:sh). Import the object again.")
+    bands = number_of_harmonics(cloud, obj.name)
     base, scale = _read(obj, cloud, "radiance:base"), np.abs(_read(obj, cloud, "scale"))
     rest = [_read(obj, cloud, f"radiance:sh_{k}") for k in range(bands)]
     quats = _read(obj, cloud, "rotation")

@@ -8,13 +8,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.core.errors import PromptError
 from ...engine.scene import Gaussians, RayCaster
 from .sight import inside_polygon
 
 __all__ = ["View", "in_region"]
 
-Float64 = NDArray[np.float64]
 
 _GRID = 24
 """Rays along each side of the box around a region; the surface is found between them by the nearest one."""

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.core.errors import CameraError, ObjectError
 from ...engine.scene import RayCaster, RayHits
 
 __all__ = ["Seen", "Sight", "SplatLayer", "inside_polygon", "ray_through", "seen_on_ray"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float32
 from ...engine.rasterizer.settings import ALPHA_MIN, RasterSettings
 
 __all__ = ["View", "draw_order", "mean_areas", "visible_radii"]
 
-Float32 = NDArray[np.float32]
 
 _KNUD_THOMSEN = 1.6075
 """Exponent of Thomsen's formula for the surface of an ellipsoid; its error is at most 1.1 %."""

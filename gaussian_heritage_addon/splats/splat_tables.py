@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import gpu
 import numpy as np
-from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float32
 from ...engine.core.errors import ObjectError
 from ...engine.formats import rotations_from_quats
 from .edited_splats import EditedSplats
@@ -19,7 +19,6 @@ from .splats import SplatScene
 
 __all__ = ["Part", "Tables", "checksum", "list_texture"]
 
-Float32 = NDArray[np.float32]
 _CHUNK = 1 << 16
 """Gaussians whose covariances are computed at once, to limit the memory of their rotations."""
 

@@ -16,25 +16,24 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float32
 from ...engine.core.errors import ObjectError
-from ...engine.formats import logits_of, transform_gaussians
+from ...engine.formats import logits_of, transform_gaussians, unit_quats
 from ...engine.scene import Gaussians
 from ..blender.mesh_frame import follow_frame, frame_of_mesh, keep_frame
 from ..blender.moved_vertices import mark_as_right, moves_since
 from ..blender.world_placement import world_matrix
+from .native_splats import HARMONICS, number_of_harmonics
 from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import ANTIALIASED, ANTIALIASED_KEY, add_display, set_display_input
-from .stored_file import StoredFile, forget_lost_digits, stored_file, unit_quats, with_stored_values
+from .stored_file import StoredFile, forget_lost_digits, stored_file, with_stored_values
 
 __all__ = ["SplatScene"]
 
-Float32 = NDArray[np.float32]
 
 # FLOAT4 exists since Blender 5.2. Before, FLOAT_COLOR stores the same four floats, including negative ones.
 _BASE_TYPE = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 _ELEMENT = {"FLOAT4": "vector", "FLOAT_COLOR": "color", "FLOAT_VECTOR": "vector", "QUATERNION": "value"}
-_BANDS = (0, 3, 8, 15)
-"""Numbers of spherical harmonics beyond the first, for the degrees 0 to 3."""
 _WIDTH = {"FLOAT4": 4, "FLOAT_COLOR": 4, "FLOAT_VECTOR": 3, "QUATERNION": 4}
 
 
@@ -194,7 +193,7 @@ class SplatScene:
         """Return all Gaussians in the frame of the object, including edits in Edit Mode."""
         with self._readable_mesh() as mesh:
             base = _read(mesh, "radiance:base")
-            bands = self._n_bands(mesh)
+            bands = number_of_harmonics(mesh, self.name)
             sh = np.empty((len(base), 1 + bands, 3), dtype=np.float32)
             sh[:, 0] = base[:, :3]
             for k in range(bands):
@@ -234,7 +233,7 @@ class SplatScene:
         if moves:
             gaussians = self.local_gaussians()
             rows = np.concatenate([rows for _, rows in moves])
-            _overwrite(mesh, "rotation", unit_quats(gaussians.quats), rows)
+            _overwrite(mesh, "rotation", unit_quats(gaussians.quats.astype(np.float64)), rows)
             _overwrite(mesh, "scale", gaussians.scales, rows)
             for k in range(1, gaussians.sh.shape[1]):
                 _overwrite(mesh, f"radiance:sh_{k - 1}", gaussians.sh[:, k], rows)
@@ -278,22 +277,14 @@ class SplatScene:
         """Return the values of all attributes that are drawn, by name; see `attribute`."""
         with self._readable_mesh() as mesh:
             names = ["position", "scale", "rotation", "radiance:base"]
-            names += [f"radiance:sh_{k}" for k in range(self._n_bands(mesh))]
+            names += [f"radiance:sh_{k}" for k in range(number_of_harmonics(mesh, self.name))]
             return {name: _read(mesh, name) for name in names}
 
     @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0 to 3."""
         with self._readable_mesh() as mesh:
-            return _BANDS.index(self._n_bands(mesh))
-
-    def _n_bands(self, mesh: bpy.types.Mesh) -> int:
-        bands = 0
-        while f"radiance:sh_{bands}" in mesh.attributes:
-            bands += 1
-        if bands not in _BANDS:
-            raise ObjectError(f"{self.name} lacks some of its colours (radiance:sh). Import the object again.")
-        return bands
+            return HARMONICS.index(number_of_harmonics(mesh, self.name))
 
     def gaussians(self, threshold: float | None = None) -> Gaussians:
         """Return the Gaussians in world space, with positions, rotations, sizes and view-dependent colours transformed.
@@ -330,7 +321,7 @@ def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer]
     mesh.vertices.add(len(gaussians))
     if len(gaussians):  # a mesh without vertices has no positions
         mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
-    _write(mesh, "rotation", "QUATERNION", unit_quats(gaussians.quats))
+    _write(mesh, "rotation", "QUATERNION", unit_quats(gaussians.quats.astype(np.float64)))
     _write(mesh, "scale", "FLOAT_VECTOR", gaussians.scales)
     base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
     _write(mesh, "radiance:base", _BASE_TYPE, base)

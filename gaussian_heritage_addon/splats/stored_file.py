@@ -14,10 +14,10 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.formats import PlyFile, Up
+from ...engine.formats import PlyFile, Up, unit_quats
 from ...engine.scene import Gaussians
 
-__all__ = ["StoredFile", "forget_lost_digits", "keep_file", "stored_file", "unit_quats", "with_stored_values"]
+__all__ = ["StoredFile", "forget_lost_digits", "keep_file", "stored_file", "with_stored_values"]
 
 _PREFIX = "ply."
 _LOG_SCALE, _OPACITY, _ROTATION = f"{_PREFIX}log_scale", f"{_PREFIX}opacity_logit", f"{_PREFIX}rotation"
@@ -94,7 +94,9 @@ def with_stored_values(
     with np.errstate(over="ignore"):
         same_scale = (stored.scales == scales).all(axis=1, keepdims=True)
         same_opacity = stored.opacities == opacities
-    same_rotation = (unit_quats(quats).astype(np.float32) == gaussians.quats).all(axis=1, keepdims=True)
+    same_rotation = (unit_quats(quats.astype(np.float64)).astype(np.float32) == gaussians.quats).all(
+        axis=1, keepdims=True
+    )
     return replace(
         gaussians,
         log_scales=np.where(same_scale, log_scales, gaussians.log_scales),
@@ -143,10 +145,3 @@ def forget_lost_digits(mesh: bpy.types.Mesh, rows: NDArray[np.intp]) -> None:
         if values is not None:
             values[rows] = 0
             mesh.attributes[name].data.foreach_set("vector", values.ravel())
-
-
-def unit_quats(quats: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return quaternions [N, 4] at unit length; a zero quaternion becomes the identity."""
-    wide = quats.astype(np.float64)
-    lengths = np.linalg.norm(wide, axis=1, keepdims=True)
-    return np.where(lengths > 0, wide / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))

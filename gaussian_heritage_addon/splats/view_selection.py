@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...engine.core.arrays import Float64
 from ...engine.rasterizer.settings import ALPHA_MIN
 from ...engine.scene import RayCaster
 from ..blender.guards import add_change_handler, add_load_handler, remove_change_handler, remove_handler
@@ -21,7 +22,6 @@ from .splats import SplatScene
 
 __all__ = ["hides_splats", "object_seen", "objects_within", "register", "selectable_splats", "unregister"]
 
-Float64 = NDArray[np.float64]
 
 _MIN_SHARE = 0.2
 """Least share that an object has in what the eye sees at a place where it can be clicked."""

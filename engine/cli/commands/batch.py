@@ -8,7 +8,7 @@ from pathlib import Path
 from ...core.errors import Cancelled, EnvironmentProblem, SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...core.files import atomic_write, write_json
-from ...core.words import join_texts
+from ...core.words import join_texts, split_list
 from ...pipeline.stages import STAGES
 from .scene_options import add_device_option, add_no_objects_option, add_preset_option, add_prompts_option, prompts_of
 
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         raise EnvironmentProblem(
             f"The package {error.name} is missing, which only `batch` needs. Install requirements/batch.txt with pip."
         ) from error
-    gpu_stages = tuple(stage.strip() for stage in options.gpu_stages.split(";") if stage.strip())
+    gpu_stages = tuple(split_list(options.gpu_stages))
     unknown = [stage for stage in gpu_stages if stage not in STAGES]
     if unknown:
         raise SettingsError(f"--gpu-stages names {unknown[0]!r}. The stages are {', '.join(STAGES)}.")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...core.errors import SettingsError
 from ...core.events import Emit, Finished, StopCheck
+from ...core.words import split_list
 from ...masks.settings import SAM_MODELS
 from ...project.folder import ProjectFolder
 from .chosen_models import add_sam_argument, model_factories
@@ -85,7 +86,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         views=options.views,
         ablations=options.ablations,
         view_counts=_counts(options.view_counts),
-        objects=tuple(name.strip() for name in options.objects.split(";") if name.strip()),
+        objects=tuple(split_list(options.objects)),
     )
     evaluation = evaluate_project(
         project,

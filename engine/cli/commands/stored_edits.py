@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ...core.errors import ObjectError
 from ...core.files import ArraySpec, read_array
-from ...objects import THRESHOLD, load_levels, load_membership, save_object
+from ...objects import load_levels, load_membership, save_object
+from ...objects.settings import DEFAULT_THRESHOLD
 from ...project.folder import ProjectFolder
 from ...project.objects import (
     ObjectRecord,
@@ -31,8 +33,6 @@ __all__ = ["BY_HAND", "read_membership", "store_edits"]
 
 BY_HAND = "hand"
 """Kind of prompt of an object that was made by hand."""
-
-Float32 = NDArray[np.float32]
 
 
 _ADVICE = "Write it again as a NumPy array of float32, one value for each Gaussian of the scene."
@@ -83,7 +83,7 @@ def store_edits(
     known = object_ids(project.path)
     thresholds, levels = thresholds or {}, levels or {}
     for object_id, membership in memberships.items():
-        _check(object_id, membership, count, thresholds.get(object_id, THRESHOLD))
+        _check(object_id, membership, count, thresholds.get(object_id, DEFAULT_THRESHOLD))
         if object_id not in known and new_id(object_id, taken_ids(project.path)) != object_id:
             raise ObjectError(f"A new object cannot have the id {object_id!r}. Use lower case letters, digits and -.")
     for object_id in (*names, *deleted, *thresholds, *levels):
@@ -102,7 +102,9 @@ def store_edits(
         if object_id in known and object_id not in deleted:
             _change(project, load_object(project.path, object_id), membership, thresholds.get(object_id))
         else:
-            save_object(project.path, _new(object_id, membership, thresholds.get(object_id, THRESHOLD)), membership)
+            save_object(
+                project.path, _new(object_id, membership, thresholds.get(object_id, DEFAULT_THRESHOLD)), membership
+            )
     for object_id, name in names.items():
         rename_object(project.path, object_id, name)
     changed = {*memberships, *names, *shown}

@@ -4,16 +4,16 @@ Standard library only: Blender and the server split prompts as the engine does.
 """
 
 from .alike import Likeness, likeness
-from .splitting import join_texts, split_texts
-from .vocabulary_words import called_nearly, normalised, similarly_spelt, word_list
+from .splitting import join_texts, split_list, split_texts
+from .vocabulary_words import normalised, similarly_spelt, word_list
 
 __all__ = [
     "Likeness",
-    "called_nearly",
     "join_texts",
     "likeness",
     "normalised",
     "similarly_spelt",
+    "split_list",
     "split_texts",
     "word_list",
 ]

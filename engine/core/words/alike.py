@@ -8,7 +8,7 @@ __all__ = ["Likeness", "likeness"]
 
 Likeness = Literal["hardly", "a little", "probably", "clearly"]
 
-_LITTLE, _PROBABLE = 0.2, 0.5  # by definition
+_LITTLE, _PROBABLE = 0.2, 0.5
 
 
 def likeness(score: float, sure: float) -> Likeness:

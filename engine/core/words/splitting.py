@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from .vocabulary_words import adjectives, normalised, word_list
 
-__all__ = ["join_texts", "split_texts"]
+__all__ = ["join_texts", "split_list", "split_texts"]
 
 _QUOTES = ('""', "“”", "„“", "„”", "«»", "»«", "‘’", "‚‘", "''")
 _QUOTED_FORMS = "|".join(rf"{first}(?:[^{last}\n]|{last}(?=\w))+{last}" for first, last in map(tuple, _QUOTES))
@@ -97,7 +97,7 @@ def split_texts(prompt: str) -> list[str]:
     return list(texts.values())
 
 
-_FIRST_KEPT = 0xE000  # by definition
+_FIRST_KEPT = 0xE000
 _PRIVATE = re.compile("[\ue000-\uf8ff]")
 
 
@@ -167,6 +167,11 @@ def _restored(part: str, kept: Sequence[str], n_quoted: int) -> list[str]:
     text = _PRIVATE.sub(lambda mark: kept[ord(mark[0]) - _FIRST_KEPT], part)
     text = " ".join(_LEFT_OVER.sub("", text).split())
     return [text] if normalised(text) else []
+
+
+def split_list(text: str) -> list[str]:
+    """Return the names that semicolons separate, without blanks around them and without empty ones."""
+    return [name.strip() for name in text.split(";") if name.strip()]
 
 
 def join_texts(texts: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..files import read_text
 
-__all__ = ["ClassWords", "WordList", "adjectives", "called_nearly", "normalised", "similarly_spelt", "word_list"]
+__all__ = ["ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt", "word_list"]
 
 _HERE = Path(__file__).parent
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
@@ -21,8 +21,8 @@ _MIN_LIKENESS = 0.75  # chosen on prompt_words
 """Smallest ratio of `difflib.SequenceMatcher` of a word and a misspelling of it: one wrong letter of four."""
 _LIKENESS_SPREAD = 0.1  # chosen on prompt_words
 """Words whose ratio is this much lower than that of the nearest one are suggested, too."""
-_MAX_SUGGESTIONS = 3  # by definition
-_N_COMPARED = 20  # by definition
+_MAX_SUGGESTIONS = 3
+_N_COMPARED = 20
 """Nearest words of which the first letters are compared."""
 
 
@@ -140,12 +140,6 @@ def similarly_spelt(texts: Iterable[str], words: Iterable[str]) -> list[str]:
     least = max(likeness.values(), default=0.0) - _LIKENESS_SPREAD
     nearest = sorted((word for word in likeness if likeness[word] >= least), key=lambda word: -likeness[word])
     return [by_lower[word] for word in nearest[:_MAX_SUGGESTIONS]]
-
-
-def called_nearly(text: str, names: Iterable[str]) -> str:
-    """Return a sentence about names of objects that a text may be a misspelling of; empty without one."""
-    alike = similarly_spelt([normalised(text)], names)
-    return f" The scene has an object that is called {' or '.join(map(repr, alike))}." if alike else ""
 
 
 def _endings(text: str) -> list[str]:

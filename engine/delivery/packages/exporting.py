@@ -54,10 +54,10 @@ SUFFIXES = {
 """All formats, with the extensions of their files."""
 _UP: dict[str, Up | None] = {"original": None, "world": "z"}
 """The axis of a PLY or SOG that points up, where it is not that of the viewers; given poses do not say what is up."""
-_COVERAGE_SIDE = 160  # by definition
+_COVERAGE_SIDE = 160
 """Longest side of the pictures in which is counted which photos saw a Gaussian."""
-_N_VIEWS = 8  # by definition
-_VIEW_SIDE = 512  # by definition
+_N_VIEWS = 8
+_VIEW_SIDE = 512
 
 
 @dataclass(frozen=True)

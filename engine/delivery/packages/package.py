@@ -44,9 +44,9 @@ _RECORDS = "records"
 _FROM_RECORDS = "../"
 """The way from a record to the files of the package, which links name until they have an address."""
 _IIIF = "iiif/manifest.json"
-_IIIF_EVERY = 2  # by definition
+_IIIF_EVERY = 2
 """Every so many pictures of a turn are stored as files, which a IIIF viewer turns."""
-_QUALITY = 90  # by definition
+_QUALITY = 90
 _NOTES = {
     "ro-crate-metadata.json": "this package described for programs (RO-Crate)",
     f"{_RECORDS}/paradata.json": "everything that is known of how it was made",

@@ -26,9 +26,9 @@ _VIEWER = Path(__file__).resolve().parent / "viewer_files"
 _ADVICE = "Run `make page` in the source code, or use a release that contains the page."
 _MAX_BYTES = 400_000_000
 """Of a page. Chromium reads texts of at most 512 MB."""
-_LEVEL = 6  # by definition
+_LEVEL = 6
 """Of gzip: higher ones save less than a hundredth of the size of Gaussians."""
-_MAX_VIEWS = 8  # by definition
+_MAX_VIEWS = 8
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cameras import training_pinhole
+from ...core.arrays import Pixels
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem, ProjectError
 from ...core.events import StopCheck, never_stop
 from ...core.files import delete_derived, write_problem
@@ -23,16 +24,15 @@ from ..report import PAPER_WHITE, best_seen_from, orbit_cameras, picture_sheet, 
 
 __all__ = ["FILMS", "N_PICTURES", "SHEET", "Turn", "turn_of_object", "turn_of_scene", "write_films", "write_sheet"]
 
-Pixels = NDArray[np.uint8]
 
-N_PICTURES = 72  # by definition
+N_PICTURES = 72
 """Pictures of a turn: one each five degrees of a full one."""
 SHEET = "contact_sheet.png"
 FILMS = {"turntable.webm": "VP80", "turntable.mp4": "mp4v"}
 """Films by name, with their codec. Browsers play VP8, presentation programs MPEG-4. OpenCV has no encoder for H.264,
 and that for VP9 takes four times as long as VP8 for the same size and likeness."""
-_OBJECT_SIDE = 512  # by definition
-_SCENE_SIDE = 640  # by definition
+_OBJECT_SIDE = 512
+_SCENE_SIDE = 640
 """Longest side of the pictures, pixels."""
 _FRAMES_PER_SECOND = 24.0
 _SHEET_COLUMNS, _SHEET_ROWS = 4, 3

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Pixels
 from ...core.visible_text import visible
 from ...pictures import Backend, Scene
 from ...scene import Gaussians, PinholeCamera
 
 __all__ = ["picture_sheet", "render_alone"]
 
-Pixels = NDArray[np.uint8]
 
 _MIN_ALPHA, _FULL_ALPHA = 0.3, 0.7
 """Alpha that becomes background, and alpha that becomes opaque: Gaussians fade out over more pixels than an outline."""

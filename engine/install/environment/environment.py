@@ -16,7 +16,7 @@ from .locked import fingerprint, locked_file
 
 __all__ = ["FOLDER_VARIABLE", "EngineEnvironment", "State", "default_folder"]
 
-FOLDER_VARIABLE = "GAUSSIAN_HERITAGE_ENGINE"  # by definition
+FOLDER_VARIABLE = "GAUSSIAN_HERITAGE_ENGINE"
 """Environment variable with the folder of the installed engine."""
 
 State = Literal["missing", "incomplete", "outdated", "ready"]

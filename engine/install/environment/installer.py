@@ -32,9 +32,9 @@ __all__ = ["LONGEST_PATH", "install"]
 Answer = TypeVar("Answer")
 
 STAGE = "set-up"
-_PIP_WITH_TRUSTSTORE = (24, 2)  # by definition
+_PIP_WITH_TRUSTSTORE = (24, 2)
 """From this version on, pip trusts what the operating system trusts."""
-_SHARES = {"environment": 0.04, "packages": 0.50, "torch": 0.30, "models": 0.16}  # by definition
+_SHARES = {"environment": 0.04, "packages": 0.50, "torch": 0.30, "models": 0.16}
 """Share of each step of the progress, by the time that it takes."""
 
 LONGEST_PATH = PurePath(

@@ -17,7 +17,7 @@ from ...core.system import no_window, run_text, with_utf8
 
 __all__ = ["ONE_INDEX", "NotTrusted", "Pip", "run_logged"]
 
-ONE_INDEX = {"PIP_EXTRA_INDEX_URL": " ", "PIP_FIND_LINKS": " "}  # by definition
+ONE_INDEX = {"PIP_EXTRA_INDEX_URL": " ", "PIP_FIND_LINKS": " "}
 """Environment variables with which pip asks only the index on its command line: they replace the user's other ones. An
 empty value would not."""
 
@@ -25,7 +25,7 @@ _REPORT = {"install": [{"metadata": dict, "download_info": dict}]}
 _UNTRUSTED = "CERTIFICATE_VERIFY_FAILED"
 _VERSION = re.compile(r"pip (\d+(?:\.\d+)*)")
 _SERVER = re.compile(r"host='([\w.-]+)', port=(\d+)")
-_POLL_SECONDS = 0.2  # by definition
+_POLL_SECONDS = 0.2
 _STOPPED = "Stopped. What is installed is kept; set up again to continue."
 
 

@@ -17,7 +17,7 @@ _URL = (
     "https://files.pythonhosted.org/packages/70/7a/be4bd8bcbb24ea475856dd68159d78b03b2bb53dae369f69c9606b8888f5/"
     "pip-26.1-py3-none-any.whl"
 )
-_MAX_BYTES = 10_000_000  # by definition
+_MAX_BYTES = 10_000_000
 
 
 def fetch_pip(folder: Path) -> Path:

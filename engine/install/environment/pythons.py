@@ -15,7 +15,7 @@ from ...core.system import package_system, run_text
 
 __all__ = ["VERSIONS", "Interpreter", "find_python", "find_pythons", "usable", "version_text"]
 
-VERSIONS = ((3, 11), (3, 12), (3, 13))  # by definition
+VERSIONS = ((3, 11), (3, 12), (3, 13))
 """Versions of Python that the engine's packages have files for, the one that is tested first."""
 
 _PROBE = """
@@ -24,7 +24,7 @@ has = [importlib.util.find_spec(name) is not None for name in ("venv", "ensurepi
 print(platform.python_implementation(), *sys.version_info[:2], 8 * struct.calcsize("P"), *has, platform.machine(),
       ascii(sys.executable), sep="|")
 """
-_MAX_SECONDS = 30  # by definition
+_MAX_SECONDS = 30
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from ...core.arrays import Float32, Int32, Mask, Pixels
 
 __all__ = ["Detection", "Detector", "PromptCheck"]
 
@@ -70,9 +71,7 @@ class Detector(Protocol):
         """
         ...
 
-    def detect(
-        self, pixels: NDArray[np.uint8], prompt: str, *, labels: NDArray[np.int32] | None = None
-    ) -> list[Detection]:
+    def detect(self, pixels: Pixels, prompt: str, *, labels: Int32 | None = None) -> list[Detection]:
         """Return the detections, best first.
 
         Parameters
@@ -92,11 +91,11 @@ class Detector(Protocol):
 
     def score_crops(
         self,
-        pixels: NDArray[np.uint8],
+        pixels: Pixels,
         boxes: ArrayLike,
         prompt: str,
         *,
-        masks: Sequence[NDArray[np.bool_]] | None = None,
+        masks: Sequence[Mask] | None = None,
     ) -> list[float]:
         """Return how well each box, or each mask if given, matches `prompt`, 0 to 1.
 
@@ -116,9 +115,7 @@ class Detector(Protocol):
         """
         ...
 
-    def describe_crops(
-        self, pixels: NDArray[np.uint8], boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]
-    ) -> NDArray[np.float32] | None:
+    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32 | None:
         """Return a description of each mask for `score_descriptions`, cheap enough for hundreds of masks.
 
         Parameters
@@ -135,7 +132,7 @@ class Detector(Protocol):
         """
         ...
 
-    def score_descriptions(self, described: NDArray[np.float32], prompt: str) -> list[float]:
+    def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
         """Return how well each row of `described`, [n, D], matches `prompt`, like `score_crops`.
 
         Raises
@@ -145,14 +142,22 @@ class Detector(Protocol):
         """
         ...
 
-    def whole_odds(self, described: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what each row of `described`, [n, D], adds to the log-odds of being one whole thing, [n].
+    def whole_odds(self, described: Float32) -> Float32:
+        """Return what each crop adds to the log-odds of being one whole thing.
 
-        Negative for a part of a thing and for several things. Zero when the detector cannot tell.
+        Parameters
+        ----------
+        described : array of shape [n, D], float32
+            By `describe_crops`.
+
+        Returns
+        -------
+        array of shape [n], float32
+            Negative for a part of a thing and for several things; zero when the detector cannot tell.
         """
         ...
 
-    def name_descriptions(self, described: NDArray[np.float32]) -> list[tuple[str, float]]:
+    def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return words for one object that several photos show, each with a confidence 0 to 1, best first.
 
         Parameters

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32, Int64, Pixels
 from ...core.errors import EnvironmentProblem, ModelFileError, PromptError
 
 __all__ = ["Tokens", "load_tokenizer", "normalise_picture", "resized_size", "to_caption"]
 
 # Mean and standard deviation of the Swin backbone's training pictures, RGB, 0 to 1.
-_MEAN = np.array([0.485, 0.456, 0.406], np.float32)  # by definition
-_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)  # by definition
-_SHORTEST_SIDE, _LONGEST_SIDE = 800, 1333  # by definition
-MAX_TOKENS = 256  # by definition
+_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
+_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
+_SHORTEST_SIDE, _LONGEST_SIDE = 800, 1333
+MAX_TOKENS = 256
 
 
 def to_caption(prompt: str) -> str:
@@ -52,8 +52,8 @@ class Tokens:
         The text of each token, empty for special ones and padding.
     """
 
-    ids: NDArray[np.int64]
-    attention: NDArray[np.int64]
+    ids: Int64
+    attention: Int64
     words: tuple[str, ...]
 
 
@@ -131,7 +131,7 @@ def resized_size(
     return (rounded, longer) if height <= width else (longer, rounded)
 
 
-def normalise_picture(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
+def normalise_picture(pixels: Pixels, size: tuple[int, int]) -> Float32:
     """Return a photo as the model's input, shape [1, 3, h, w], float32.
 
     Parameters

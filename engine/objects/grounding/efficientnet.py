@@ -19,11 +19,11 @@ from ...core.errors import ModelFileError
 
 __all__ = ["INPUT_SIDE", "N_FEATURES", "EfficientNetLite2"]
 
-INPUT_SIDE = 260  # by definition
-N_FEATURES = 1280  # by definition
+INPUT_SIDE = 260
+N_FEATURES = 1280
 # The Lite models were trained on (RGB - 127) / 128.
-_MEAN, _DEVIATION = 127.0, 128.0  # by definition
-_BATCH_NORM_EPSILON = 1e-3  # by definition
+_MEAN, _DEVIATION = 127.0, 128.0
+_BATCH_NORM_EPSILON = 1e-3
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ _STAGES = (
     _Stage(4, 5, 1, 120),
     _Stage(5, 5, 2, 208),
     _Stage(1, 3, 1, 352),
-)  # published: Tan and Le 2019
+)  # Tan and Le 2019
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class EfficientNetLite2:
 
 def _load_convolution(
     state: dict[str, Tensor], dtype: torch.dtype, convolution: str, norm: str, *, stride: int = 1
-) -> _Convolution:  # by definition
+) -> _Convolution:
     """Return the convolution and the batch normalisation of these names as one convolution."""
     weight = state[f"{convolution}.weight"]
     factor = state[f"{norm}.weight"] / torch.sqrt(state[f"{norm}.running_var"] + _BATCH_NORM_EPSILON)

@@ -11,8 +11,9 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
 from ...core.errors import ModelFileError
 from ...install.models import locate, open_session
 from ...masks import box_ious, mask_box
@@ -22,8 +23,6 @@ from .settings import GroundingSettings
 
 __all__ = ["Boxes", "GroundingDino", "best_segments", "decode_outputs"]
 
-Pixels = NDArray[np.uint8]
-Float32 = NDArray[np.float32]
 
 _INPUTS = ("pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask")
 _OUTPUTS = ["logits", "pred_boxes"]
@@ -32,7 +31,7 @@ _CROP_MARGIN = 0.2  # chosen on museum_room
 docs/design_notes/grounding.md."""
 _MIN_CROP_IOU = 0.5  # chosen on museum_room
 """Smallest IoU with the cropped box at which a predicted box counts as the cropped object."""
-_MAX_CACHED_PREDICTIONS = 256  # by definition
+_MAX_CACHED_PREDICTIONS = 256
 """Predictions (one per photo and prompt) kept in memory: 18 KB each for 900 boxes, and their labels."""
 
 
@@ -95,7 +94,7 @@ class GroundingDino:
         cache: Path | None = None,
         *,
         settings: GroundingSettings | None = None,
-        threads: int = 2,  # by definition
+        threads: int = 2,
     ) -> None:
         model = locate(f"{name}-model", cache)
         self._open(name, open_session(model, threads=threads), locate("grounding-dino-tokenizer", cache), settings)
@@ -104,7 +103,13 @@ class GroundingDino:
     def from_session(
         cls, name: str, session: Session, tokenizer: Path, settings: GroundingSettings | None = None
     ) -> GroundingDino:
-        """Return a detector for an open session and a tokenizer file."""
+        """Return a detector for an open session and a tokenizer file.
+
+        Raises
+        ------
+        ModelFileError
+            When the session is that of another model, or the tokenizer file is missing or damaged.
+        """
         detector = cls.__new__(cls)
         detector._open(name, session, tokenizer, settings)
         return detector
@@ -139,7 +144,7 @@ class GroundingDino:
         to_caption(prompt)
         return PromptCheck(True, [], f"{self.name} looks for any words; it was trained on English ones.")
 
-    def detect(self, pixels: Pixels, prompt: str, *, labels: NDArray[np.int32] | None = None) -> list[Detection]:
+    def detect(self, pixels: Pixels, prompt: str, *, labels: Int32 | None = None) -> list[Detection]:
         """Return the detections, best first; see `Detector.detect`.
 
         Notes
@@ -176,7 +181,7 @@ class GroundingDino:
         boxes: ArrayLike,
         prompt: str,
         *,
-        masks: Sequence[NDArray[np.bool_]] | None = None,
+        masks: Sequence[Mask] | None = None,
     ) -> list[float]:
         """Return how well each box, or the box around each mask, matches `prompt`, 0 to 1.
 
@@ -208,23 +213,23 @@ class GroundingDino:
             corners = np.array([_extent(mask, box) for mask, box in zip(masks, corners, strict=True)]).reshape(-1, 4)
         return [self._score_crop(pixels, box, prompt) for box in corners]
 
-    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> None:
+    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> None:
         """Return None: this model needs the prompt to process a picture; see `Detector.describe_crops`."""
         return None
 
-    def score_descriptions(self, described: NDArray[np.float32], prompt: str) -> list[float]:
+    def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_descriptions`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
 
-    def whole_odds(self, described: NDArray[np.float32]) -> NDArray[np.float32]:
+    def whole_odds(self, described: Float32) -> Float32:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.whole_odds`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
 
-    def name_descriptions(self, described: NDArray[np.float32]) -> list[tuple[str, float]]:
+    def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return an empty list: this model has no words of its own; see `Detector.name_descriptions`."""
         return []
 
-    def _score_crop(self, pixels: Pixels, box: NDArray[np.float64], prompt: str) -> float:
+    def _score_crop(self, pixels: Pixels, box: Float64, prompt: str) -> float:
         margin = _CROP_MARGIN * (box[2:] - box[:2])
         height, width = pixels.shape[:2]
         x0, y0 = np.clip(np.floor(box[:2] - margin), 0, (width - 1, height - 1)).astype(int)
@@ -234,7 +239,13 @@ class GroundingDino:
         return float(predicted.scores[overlaps >= _MIN_CROP_IOU].max(initial=0.0))
 
     def predict_boxes(self, pixels: Pixels, prompt: str) -> Boxes:
-        """Return all boxes of the model, including those below the threshold; cached per photo and prompt."""
+        """Return all boxes of the model, including those below the threshold; cached per photo and prompt.
+
+        Raises
+        ------
+        PromptError
+            When the prompt is empty or too long.
+        """
         text = to_caption(prompt)
         key = sha256(np.ascontiguousarray(pixels).data)
         key.update(repr((pixels.shape, text)).encode())
@@ -300,9 +311,7 @@ def _phrase(pieces: list[str]) -> str:
     return " ".join(piece for piece in pieces if piece not in ("", ".")).replace(" ##", "").removeprefix("##")
 
 
-def best_segments(
-    boxes: Float32, labels: NDArray[np.int32]
-) -> list[tuple[int, float, tuple[float, float, float, float]]]:
+def best_segments(boxes: Float32, labels: Int32) -> list[tuple[int, float, tuple[float, float, float, float]]]:
     """Return for each box the segment that fits it best: its id (0 for none), the fit 0 to 1, and the segment's box.
 
     Parameters
@@ -337,7 +346,7 @@ def best_segments(
     return results
 
 
-def _extent(mask: NDArray[np.bool_], default: ArrayLike) -> NDArray[np.float64]:
+def _extent(mask: Mask, default: ArrayLike) -> Float64:
     """Return the bounding box x0, y0, x1, y1 of a mask; `default` if it is empty."""
     box = mask_box(mask)
     return np.asarray(default if box is None else box, np.float64)

@@ -17,8 +17,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
 from ...core.errors import PromptError
 from ...install.models import locate, models_folder, multiplies_bfloat16
 from ...masks import mask_box
@@ -32,16 +33,18 @@ from .windows import find_windows
 
 __all__ = ["OfflineVocabulary"]
 
-Pixels = NDArray[np.uint8]
-Float32 = NDArray[np.float32]
 Box = tuple[float, float, float, float]
 
 # Margin of a masked crop on each side, as a fraction of its size. Margin and white background were chosen by
 # measurement, see docs/design_notes/grounding.md.
 _MARGIN = 0.2  # chosen on museum_room
-_WHITE = 255  # by definition
+_WHITE = 255
 _DIMMED = 0.33  # chosen on room_1, room_2, room_4, room_7
-_BATCH_SIZE = 4  # by definition
+_BATCH_SIZE = 4
+_BLUR = 0.4
+"""Standard deviation, in pixels of a reduced crop, of the blur that prevents aliasing."""
+_MAX_NAMED = 5
+"""Words that are given for one object."""
 # Class probability that gives a score of 0.5; see `_score`.
 _MIDPOINT = 0.1  # chosen on museum_room
 # Detections with a lower score are discarded.
@@ -49,10 +52,10 @@ _MIN_SCORE = 0.05  # chosen on museum_room
 # Segments that cover a smaller or larger fraction of the photo are not classified.
 _MIN_SEGMENT_FRACTION = 0.001  # chosen on museum_room
 _MAX_SEGMENT_FRACTION = 0.5  # chosen on museum_room
-_MAX_CACHED_ROWS = 20_000  # by definition
+_MAX_CACHED_ROWS = 20_000
 """Largest number of crops whose features are kept in memory, 5 KB each."""
 
-_MAX_CACHED_PHOTOS = 200  # by definition
+_MAX_CACHED_PHOTOS = 200
 """Largest number of photos whose segments' features are stored on disk, about 200 KB each. A text prompt uses
 eight photos of a scene."""
 
@@ -94,7 +97,7 @@ class OfflineVocabulary:
         """
         return self._vocabulary.check(prompt)
 
-    def detect(self, pixels: Pixels, prompt: str, *, labels: NDArray[np.int32] | None = None) -> list[Detection]:
+    def detect(self, pixels: Pixels, prompt: str, *, labels: Int32 | None = None) -> list[Detection]:
         """Return the detections, best first; see `Detector.detect`.
 
         Notes
@@ -120,7 +123,7 @@ class OfflineVocabulary:
         boxes: ArrayLike,
         prompt: str,
         *,
-        masks: Sequence[NDArray[np.bool_]] | None = None,
+        masks: Sequence[Mask] | None = None,
     ) -> list[float]:
         """Return how well each box, or each mask if given, matches `prompt`.
 
@@ -154,7 +157,7 @@ class OfflineVocabulary:
         )
         return self.score_descriptions(described, prompt)
 
-    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> Float32:
+    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32:
         """Return the probabilities of the classes on white and with dimmed surroundings, and `whole_odds`, [n, 2001].
 
         See `Detector.describe_crops`. The white background keeps the outline, the dimmed one the surroundings.
@@ -186,15 +189,27 @@ class OfflineVocabulary:
         if len(described) == 0:
             return []
         mean = _rows(described).mean(axis=0)
-        best = np.argsort(-mean, kind="stable")[:5]
+        best = np.argsort(-mean, kind="stable")[:_MAX_NAMED]
         return [(self._vocabulary.name(int(index)), _score(float(mean[index]))) for index in best]
 
     def whole_odds(self, described: Float32) -> Float32:
         """Return the last column of the descriptions; see `Detector.whole_odds`."""
         return described[:, -1]
 
-    def features_of_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> Float32:
-        """Return the pooled features of each mask, first on white, then with dimmed surroundings, [n, 2560]."""
+    def features_of_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32:
+        """Return the pooled features of each mask, first on white, then with dimmed surroundings.
+
+        Parameters
+        ----------
+        pixels : array of shape [H, W, 3], uint8, sRGB
+        boxes : array-like of shape [n, 4]
+            x0, y0, x1, y1 in pixels.
+        masks : sequence of n bool arrays of shape [H, W]
+
+        Returns
+        -------
+        array of shape [n, 2560], float32
+        """
         corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
         return np.hstack([self._pooled(pixels, corners, masks, dimmed=dimmed) for dimmed in (False, True)])
 
@@ -208,9 +223,7 @@ class OfflineVocabulary:
             raise PromptError(self._vocabulary.check(prompt).message)
         return class_weights
 
-    def _classify_segments(
-        self, pixels: Pixels, labels: NDArray[np.int32], class_weights: dict[int, float]
-    ) -> list[Detection]:
+    def _classify_segments(self, pixels: Pixels, labels: Int32, class_weights: dict[int, float]) -> list[Detection]:
         height, width = pixels.shape[:2]
         if labels.shape != (height, width):
             labels = cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST)
@@ -234,7 +247,7 @@ class OfflineVocabulary:
         self,
         pixels: Pixels,
         boxes: list[Box],
-        masks: Sequence[NDArray[np.bool_]] | None,
+        masks: Sequence[Mask] | None,
         *,
         disk_cache: RowCache | None = None,
         dimmed: bool = False,
@@ -250,7 +263,7 @@ class OfflineVocabulary:
         if key not in self._features:
             rows = None if disk_cache is None else disk_cache.get(key)
             if rows is None or len(rows) != len(boxes):
-                shown: Sequence[NDArray[np.bool_] | None] = masks or [None] * len(boxes)
+                shown: Sequence[Mask | None] = masks or [None] * len(boxes)
                 crops = [
                     functools.partial(_crop, pixels, box, mask, dimmed) for box, mask in zip(boxes, shown, strict=True)
                 ]
@@ -301,17 +314,17 @@ def _score(probability: float) -> float:
     return probability / (probability + _MIDPOINT)
 
 
-def _as_box(box: NDArray[np.float64]) -> Box:
+def _as_box(box: Float64) -> Box:
     return float(box[0]), float(box[1]), float(box[2]), float(box[3])
 
 
-def _box_of(mask: NDArray[np.bool_]) -> Box:
+def _box_of(mask: Mask) -> Box:
     box = mask_box(mask)
     assert box is not None, "a segment has at least one pixel"
     return float(box[0]), float(box[1]), float(box[2]), float(box[3])
 
 
-def _crop(pixels: Pixels, box: Box, mask: NDArray[np.bool_] | None, dimmed: bool) -> Pixels:
+def _crop(pixels: Pixels, box: Box, mask: Mask | None, dimmed: bool) -> Pixels:
     """Return a square crop around `box`, resized to the classifier's input, shape [260, 260, 3]."""
     margin = 0.0 if mask is None else _MARGIN
     side = max(box[2] - box[0], box[3] - box[1], 1.0) * (1 + 2 * margin)
@@ -325,7 +338,7 @@ def _crop(pixels: Pixels, box: Box, mask: NDArray[np.bool_] | None, dimmed: bool
     scale = INPUT_SIDE / side
     if scale < 1:
         # Prevents aliasing, because warpAffine interpolates between four pixels at any scale.
-        part = cv2.GaussianBlur(part, (0, 0), 0.4 / scale)
+        part = cv2.GaussianBlur(part, (0, 0), _BLUR / scale)
     target_from_part = np.array(
         [[scale, 0, (x0 - left + 0.5) * scale - 0.5], [0, scale, (y0 - top + 0.5) * scale - 0.5]]
     )

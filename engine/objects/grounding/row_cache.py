@@ -6,16 +6,14 @@ import logging
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ...core.errors import DiskError, FormatError
 from ...core.files import ArraySpec, atomic_write, delete_derived, read_array
 
 __all__ = ["RowCache"]
 
 _LOG = logging.getLogger(__name__)
-
-Float32 = NDArray[np.float32]
 
 
 class RowCache:

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ...core.errors import EnvironmentProblem, ModelFileError
 from ...install.models import open_session
 
 __all__ = ["SentenceEncoder"]
 
-_WIDTH = 384  # by definition
-_MAX_TOKENS = 256  # by definition
-_BATCH_SIZE = 64  # by definition
+_WIDTH = 384
+_MAX_TOKENS = 256
+_BATCH_SIZE = 64
 
 
 class SentenceEncoder:
@@ -40,7 +40,7 @@ class SentenceEncoder:
     Reimers and Gurevych, "Sentence-BERT", 2019, section 3 (mean pooling).
     """
 
-    def __init__(self, model: Path, tokenizer: Path, *, threads: int = 2) -> None:  # by definition
+    def __init__(self, model: Path, tokenizer: Path, *, threads: int = 2) -> None:
         try:
             from tokenizers import Tokenizer
         except ImportError as error:
@@ -64,7 +64,7 @@ class SentenceEncoder:
         """Return whether a word, in lower case, is one of the frequent English words of the model's tokenizer."""
         return self._tokenizer.token_to_id(word) is not None
 
-    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+    def encode(self, texts: Sequence[str]) -> Float32:
         """Return one unit vector per text.
 
         Parameters
@@ -78,7 +78,7 @@ class SentenceEncoder:
         parts = [self._encode_batch(texts[i : i + _BATCH_SIZE]) for i in range(0, len(texts), _BATCH_SIZE)]
         return np.concatenate(parts) if parts else np.zeros((0, _WIDTH), np.float32)
 
-    def _encode_batch(self, texts: Sequence[str]) -> NDArray[np.float32]:
+    def _encode_batch(self, texts: Sequence[str]) -> Float32:
         encodings = self._tokenizer.encode_batch(list(texts))
         attention = np.array([encoding.attention_mask for encoding in encodings], np.int64)
         inputs = {

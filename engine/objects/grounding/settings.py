@@ -27,8 +27,8 @@ class GroundingSettings:
         If segments are given, boxes whose best segment has a smaller fit (0 to 1) are discarded; see `best_segments`.
     """
 
-    box_threshold: float = 0.3  # published: Dahaghin et al. 2024
-    text_threshold: float = 0.25  # published: Liu et al. 2023
+    box_threshold: float = 0.3  # Dahaghin et al. 2024
+    text_threshold: float = 0.25  # Liu et al. 2023
     max_overlap: float = 0.7  # chosen on museum_room
     min_fit: float = 0.2  # chosen on museum_room
 

@@ -6,8 +6,8 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32, Int64
 from ...core.errors import FormatError, PromptError
 from ...core.files import ArraySpec, atomic_write, read_array
 from ...core.words import normalised, word_list
@@ -17,14 +17,14 @@ from .sentences import SentenceEncoder
 
 __all__ = ["N_CLASSES", "Vocabulary", "read_class_words"]
 
-N_CLASSES = 1000  # by definition
+N_CLASSES = 1000
 # Smallest similarity of a known prompt; calibrated, see docs/design_notes/grounding.md.
 _MIN_SIMILARITY = 0.61  # chosen on prompt_words
 # Classes whose similarity is this much lower than the best one also match: "clock" is a wall clock and a digital clock.
 _SIMILARITY_SPREAD = 0.08  # chosen on prompt_words
 # Smallest similarity of a word that is suggested for an unknown prompt; see docs/design_notes/grounding.md.
 _MIN_SUGGESTED = 0.55  # chosen on prompt_words
-_MAX_NAMED = 5  # by definition
+_MAX_NAMED = 5
 
 
 def read_class_words() -> list[tuple[str, ...]]:
@@ -107,7 +107,7 @@ class Vocabulary:
         """Return words that are spelt nearly like the prompt; none if all its own words are English ones."""
         return self._list.misspelt(_normalised(prompt), self._encoder.knows)
 
-    def _similarities(self, prompt: str) -> NDArray[np.float32]:
+    def _similarities(self, prompt: str) -> Float32:
         """Return the similarity to each class, shape [1000]: the mean over its best word and its definition.
 
         See docs/design_notes/grounding.md for why the definition is included.
@@ -119,7 +119,7 @@ class Vocabulary:
         return np.asarray((best + definitions @ vector) / 2, np.float32)
 
     @cached_property
-    def _vectors(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+    def _vectors(self) -> tuple[Float32, Float32, Int64]:
         """Vectors of all words, vectors of the definitions, and the class of each word."""
         words = [word for entry in self._list.classes for word in entry.words]
         class_of_word = np.array([index for index, entry in enumerate(self._list.classes) for _ in entry.words])
@@ -127,7 +127,7 @@ class Vocabulary:
         vectors = self._encode_cached(words + definitions)
         return vectors[: len(words)], vectors[len(words) :], class_of_word
 
-    def _encode_cached(self, texts: list[str]) -> NDArray[np.float32]:
+    def _encode_cached(self, texts: list[str]) -> Float32:
         file = None
         if self._derived is not None:
             file = self._derived / f"class-words-{stage_key(texts, self._encoder.fingerprint)[:16]}.npy"

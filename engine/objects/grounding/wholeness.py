@@ -9,13 +9,12 @@ import functools
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ...core.files import read_text
 
 __all__ = ["WEIGHTS_FILE", "whole_odds"]
 
-Float32 = NDArray[np.float32]
 
 WEIGHTS_FILE = Path(__file__).with_name("whole_things.txt")
 

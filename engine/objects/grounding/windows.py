@@ -11,16 +11,16 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.nn import functional
 
+from ...core.arrays import Float32, Pixels
 from .efficientnet import INPUT_SIDE, EfficientNetLite2
 
 __all__ = ["Window", "find_windows"]
 
 # A window of this many cells covers about the area that the network saw in training (260 pixels are 8.1 cells).
 _WINDOW_CELLS = 7  # chosen on museum_room
-_CELL_PIXELS = 32  # by definition
+_CELL_PIXELS = 32
 # Scales at which the photo is classified, in windows along its longest side.
 _SCALES = (1.0, 2.0, 3.2, 5.0)  # chosen on museum_room
 _MAX_OVERLAP = 0.3  # chosen on museum_room
@@ -48,9 +48,7 @@ class Window:
     class_index: int
 
 
-def find_windows(
-    classifier: EfficientNetLite2, pixels: NDArray[np.uint8], class_weights: dict[int, float]
-) -> list[Window]:
+def find_windows(classifier: EfficientNetLite2, pixels: Pixels, class_weights: dict[int, float]) -> list[Window]:
     """Return up to 12 boxes with a high probability of the classes, best first, with little overlap.
 
     Parameters
@@ -72,7 +70,7 @@ def find_windows(
 
 
 def _find_at_scale(
-    classifier: EfficientNetLite2, pixels: NDArray[np.uint8], class_weights: dict[int, float], n_windows: float
+    classifier: EfficientNetLite2, pixels: Pixels, class_weights: dict[int, float], n_windows: float
 ) -> list[Window]:
     """Return the local maxima of the class probability with `n_windows` windows along the longest side."""
     height, width = pixels.shape[:2]
@@ -109,7 +107,7 @@ def _find_at_scale(
     return windows
 
 
-def _active_box(class_map: NDArray[np.float32]) -> tuple[int, int, int, int]:
+def _active_box(class_map: Float32) -> tuple[int, int, int, int]:
     """Return the box x0, y0, x1, y1 in cells around the connected component of active cells with the maximum."""
     active = (class_map >= _MIN_ACTIVATION * class_map.max()).astype(np.uint8)
     _, components, statistics, _ = cv2.connectedComponentsWithStats(active, connectivity=8)

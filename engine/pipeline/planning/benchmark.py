@@ -23,13 +23,13 @@ __all__ = ["calibrate", "measure_speed"]
 
 _LOG = logging.getLogger(__name__)
 
-_WIDTH, _HEIGHT = 320, 240  # by definition
+_WIDTH, _HEIGHT = 320, 240
 """Size in pixels of the pictures that are trained on."""
-_N_GAUSSIANS = 10_000  # by definition
+_N_GAUSSIANS = 10_000
 """Number of Gaussians that are trained."""
-_STEPS = 30  # by definition
+_STEPS = 30
 """Number of training steps."""
-_FEATURE_PICTURE = (640, 480)  # by definition
+_FEATURE_PICTURE = (640, 480)
 """Width and height in pixels of the pictures in which features are detected."""
 
 

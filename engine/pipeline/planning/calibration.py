@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 CALIBRATION_VARIABLE = "GAUSSIAN_HERITAGE_CALIBRATION"
 """Environment variable with the path of the calibration file, for another place than the user's cache folder."""
 
-_VERSION = 2  # by definition
+_VERSION = 2
 """Version of the file's format."""
 _PACKAGES = ("torch", "numba", "numpy", "pycolmap", "onnxruntime")
 """Packages whose versions are part of the key."""
@@ -44,7 +44,7 @@ _NEW_OUTCOME_WEIGHT = 0.4  # chosen on museum_room, sakharov_statue32
 _MAX_LOG_RATIO = math.log(8.0)  # chosen on museum_room, sakharov_statue32
 """Largest |log(actual / formula)| that is used. Beyond it the cause is not the machine's speed: the run was paused, or
 part of the stage was reused from an earlier run."""
-_MAX_CARD_LOG_RATIO = math.log(100.0)  # by definition
+_MAX_CARD_LOG_RATIO = math.log(100.0)
 """The same for training on a graphics card: its formula does not know how fast the card is."""
 _MIN_SECONDS = 2.0  # chosen on museum_room, sakharov_statue32
 """Shortest stage that is used, in seconds. In shorter ones the start-up dominates."""
@@ -58,10 +58,10 @@ _MACHINE = {
     "n_runs": int,
 }
 """What is stored of a machine."""
-_SECONDS = (1e-6, 1e4)  # by definition
+_SECONDS = (1e-6, 1e4)
 """Shortest and longest time in CPU seconds that a part of the benchmark can take."""
-_MAX_LIBRARY_BYTES = 1 << 40  # by definition
-_MAX_VARIANCE = 100.0  # by definition
+_MAX_LIBRARY_BYTES = 1 << 40
+_MAX_VARIANCE = 100.0
 
 PRIOR_DEVIATION = {
     "photos": {"cpu": 0.4, "wall": 0.3, "memory": 0.3},
@@ -72,7 +72,7 @@ PRIOR_DEVIATION = {
     "report": {"cpu": 0.4, "wall": 0.2, "memory": 0.25},
 }  # chosen on museum_room, sakharov_statue32
 """Standard deviations of log(actual / formula) per stage, before any run on a machine is known."""
-_CARD_DEVIATION = {"cpu": 0.6, "wall": 0.6, "memory": 0.3}  # by definition
+_CARD_DEVIATION = {"cpu": 0.6, "wall": 0.6, "memory": 0.3}
 """The same for training on a graphics card."""
 _ON_CARD = "training on "
 
@@ -97,7 +97,7 @@ class Correction:
 
     mean: float
     variance: float
-    n: int = 0  # by definition
+    n: int = 0
 
     def updated(self, ratio: float) -> Correction:
         """Return the correction with one more outcome, `ratio` = log(actual / formula).
@@ -140,9 +140,7 @@ class Benchmark:
     rasterizer: str
 
 
-REFERENCE = Benchmark(
-    training_step=0.030, features=2.1, sam_encode=1.85, libraries=404_000_000, rasterizer=""
-)  # by definition
+REFERENCE = Benchmark(training_step=0.030, features=2.1, sam_encode=1.85, libraries=404_000_000, rasterizer="")
 """The results on the reference machine, on which the formulas were fitted."""
 
 
@@ -168,7 +166,7 @@ class Calibration:
     key: str
     benchmark: Benchmark | None = None
     outcomes: dict[str, dict[str, Correction]] = field(default_factory=dict)
-    n_runs: int = 0  # by definition
+    n_runs: int = 0
 
     def slowdown(self, stage: str) -> float:
         """Return the CPU time of a stage's kind of work on this machine, divided by that on the reference machine.

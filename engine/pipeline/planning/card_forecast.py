@@ -7,30 +7,30 @@ from __future__ import annotations
 
 __all__ = ["card_bytes", "card_slowdown", "card_step_seconds", "gaussians_that_fit"]
 
-_FEATURES = 16  # by definition
+_FEATURES = 16
 """Segmentation features of a Gaussian."""
-_PAIRS = 3  # by definition
+_PAIRS = 3
 """Expected pairs of a tile and a Gaussian, per Gaussian, that the buffers hold; those of a new run hold 2."""
-_ROOM = 1.25  # by definition
+_ROOM = 1.25
 """Gaussians that the buffers have room for, per Gaussian: `GpuTrainer` grows them by a quarter more than is needed."""
-_MAP_BYTES = 36  # by definition
+_MAP_BYTES = 36
 """Bytes per pixel of the picture of the maps of the similarity."""
-_LEVELS = 4 / 3  # by definition
+_LEVELS = 4 / 3
 """Pixels of a picture and all its halved copies, divided by those of the picture."""
-_OWN_SHARE = 0.85  # by definition
+_OWN_SHARE = 0.85
 """Share of the memory of a card that training may use; the driver and the screen need the rest."""
-_SHARED_SHARE = 0.5  # by definition
+_SHARED_SHARE = 0.5
 """The same of the computer's free memory, where the card has none of its own: the process needs some too."""
 
-_STEP_SECONDS = 1.3e-3  # by definition
+_STEP_SECONDS = 1.3e-3
 """Seconds per step for submissions and random draws."""
-_GAUSSIAN_SECONDS = 2.5e-9  # by definition
-_NUMBER_SECONDS = 0.03e-9  # by definition
-_PIXEL_SECONDS = 0.25e-9  # by definition
-_FEATURE_PIXEL_SECONDS = 0.2e-9  # by definition
+_GAUSSIAN_SECONDS = 2.5e-9
+_NUMBER_SECONDS = 0.03e-9
+_PIXEL_SECONDS = 0.25e-9
+_FEATURE_PIXEL_SECONDS = 0.2e-9
 """Seconds per step and Gaussian, number of a Gaussian, pixel, and pixel with features."""
-_LARGE_MEMORY = 40 << 30  # by definition
-_SLOWDOWN, _SHARED_SLOWDOWN = 4.0, 30.0  # by definition
+_LARGE_MEMORY = 40 << 30
+_SLOWDOWN, _SHARED_SLOWDOWN = 4.0, 30.0
 """Time on a separate card, and on one that uses the computer's memory, divided by that on a card of a data centre."""
 
 

@@ -75,14 +75,14 @@ class PlanSettings:
         photos, features with their loss in every step, and all bands of colour without a trial.
     """
 
-    preset: str = "standard"  # by definition
-    device: Wanted = "auto"  # by definition
-    max_gaussians: int | None = None  # by definition
-    max_side: int | None = None  # by definition
-    wants_objects: bool = True  # by definition
+    preset: str = "standard"
+    device: Wanted = "auto"
+    max_gaussians: int | None = None
+    max_side: int | None = None
+    wants_objects: bool = True
     n_mask_photos: int = 28  # chosen on museum_room
     exclude_transients: bool = False  # chosen on museum_room
-    leave_out: bool = True  # by definition
+    leave_out: bool = True
 
     def __post_init__(self) -> None:
         require(self, "preset", self.preset in PRESETS, f"one of {', '.join(PRESETS)}")

@@ -41,7 +41,7 @@ _DEVICE = {
     "limited": bool,
     "kept": bool,
 }
-_UNBOUNDED = 1 << 62  # by definition
+_UNBOUNDED = 1 << 62
 
 
 def choose_sizes(

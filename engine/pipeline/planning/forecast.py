@@ -31,7 +31,7 @@ __all__ = [
     "wall_share",
 ]
 
-_SPREAD_80 = 1.2816  # by definition
+_SPREAD_80 = 1.2816
 """Standard deviations on either side of the mean that contain 80 % of a normal distribution."""
 
 _PHOTO_SECONDS = 0.006  # chosen on museum_room, sakharov_statue32
@@ -69,7 +69,7 @@ _STEP_NUMBER_SECONDS = 0.0217e-6  # chosen on museum_room, sakharov_statue32
 """Training: CPU seconds per step and number that is stored for a Gaussian."""
 _STEP_PIXEL_SECONDS = 0.28e-6  # chosen on museum_room, sakharov_statue32
 """Training: CPU seconds per step and pixel with `_REFERENCE_GAUSSIANS` Gaussians."""
-_REFERENCE_GAUSSIANS = 20_000  # by definition
+_REFERENCE_GAUSSIANS = 20_000
 """Training: number of Gaussians for which `_STEP_PIXEL_SECONDS` holds."""
 _FEATURE_STEP_SECONDS = 0.003  # chosen on museum_room, sakharov_statue32
 """Training: additional CPU seconds per step with segmentation features."""
@@ -92,42 +92,42 @@ _SERIAL_SHARE = {
     "photos": 0.1, "cameras": 0.36, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
 }  # fmt: skip  # chosen on museum_room, sakharov_statue32
 """Share of each stage's work that cannot be divided among cores."""
-_MAX_CORES = {"masks": 2}  # by definition
+_MAX_CORES = {"masks": 2}
 """Largest number of cores that a stage can use. SAM encodes a photo on one and decodes clicks on the other."""
 
-_BARE_PYTHON_BYTES = 65_000_000  # by definition
+_BARE_PYTHON_BYTES = 65_000_000
 """Memory of Python without the engine's libraries."""
-_PYTHON_BYTES = 500_000_000  # by definition
+_PYTHON_BYTES = 500_000_000
 """Memory of Python with torch, OpenCV and the compiled kernels."""
-_PHOTO_THREAD_BYTES = 25_000_000  # by definition
+_PHOTO_THREAD_BYTES = 25_000_000
 """Reading photos: bytes per thread."""
-_PHOTO_PIXEL_BYTES = 4.1  # by definition
+_PHOTO_PIXEL_BYTES = 4.1
 """Reading photos: bytes per pixel of the largest photo and thread."""
-_MAX_PHOTO_PIXELS = 60_000_000  # by definition
+_MAX_PHOTO_PIXELS = 60_000_000
 """Reading photos: larger ones are decoded in a process of their own."""
-_MAX_PHOTO_SHARE = 0.75  # by definition
+_MAX_PHOTO_SHARE = 0.75
 """Reading photos: largest share of the free memory. Threads wait for each other rather than use more."""
 _COLMAP_BYTES = 230_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Cameras: memory of pycolmap and its database."""
-_COLMAP_PIXEL_BYTES = 260  # by definition
+_COLMAP_PIXEL_BYTES = 260
 """Cameras: bytes per pixel of a working copy and thread. SIFT works on a picture of twice the size."""
 _SAM_BYTES = 880_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Masks and objects: memory of SAM."""
 _KEPT_AFTER_SAM_BYTES = 420_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Memory that the process does not return to the system after SAM."""
-_TARGET_PIXEL_BYTES = 36  # by definition
+_TARGET_PIXEL_BYTES = 36
 """Training: bytes per pixel of a prepared target of the loss."""
-_MAX_TARGET_BYTES = 1 << 30  # by definition
+_MAX_TARGET_BYTES = 1 << 30
 """Training: prepared targets are kept for all photos if they take at most this many bytes, else for one photo."""
-_GAUSSIAN_NUMBER_BYTES = 24  # by definition
+_GAUSSIAN_NUMBER_BYTES = 24
 """Training: bytes per number of a Gaussian: value, gradient, two moments, and copies during growth."""
-_GAUSSIAN_FEATURE_BYTES = 256  # by definition
+_GAUSSIAN_FEATURE_BYTES = 256
 """Training: additional bytes per Gaussian for blending its segmentation features."""
-_DRIVER_BYTES = 300_000_000  # by definition
+_DRIVER_BYTES = 300_000_000
 """Training on a graphics card: memory of its driver in this process."""
-_VIEW_GAUSSIAN_BYTES = 130  # by definition
+_VIEW_GAUSSIAN_BYTES = 130
 """Objects: bytes per Gaussian and photo of the views that are kept."""
-_MAX_VIEW_BYTES = 500_000_000  # by definition
+_MAX_VIEW_BYTES = 500_000_000
 """Objects: largest memory of the views that are kept."""
 
 
@@ -326,7 +326,7 @@ def memory_of(
     cores: int,
     libraries: int = 0,
     free: int | None = None,
-) -> int:  # by definition
+) -> int:
     """Return the expected peak memory of the process in a stage, in bytes.
 
     Parameters
@@ -392,7 +392,7 @@ def forecast_work(
     calibration: Calibration,
     *,
     n_prompts: int = 0,
-) -> Forecast:  # by definition
+) -> Forecast:
     """Return the expected time and memory of every stage of the plan on this machine.
 
     Parameters

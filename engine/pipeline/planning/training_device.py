@@ -38,7 +38,7 @@ class TrainingDevice:
     reason: str = ""
     memory: int | None = None
     shares_memory: bool = False
-    n_bytes: int = 0  # by definition
+    n_bytes: int = 0
     limited: bool = False
     kept: bool = False
 

@@ -12,7 +12,6 @@ from typing import Any
 from ...core.errors import FormatError
 from ...core.files import FILE_RECORD, FileRecord, Migration, Schema, object_file, optional, read_versioned, write_json
 from ...core.settings import to_dict
-from ...core.words import normalised
 from ..provenance import RUN
 
 __all__ = [
@@ -24,7 +23,6 @@ __all__ = [
     "RECORD_FILE",
     "ObjectRecord",
     "new_id",
-    "found_again",
     "new_name",
     "read_record",
     "recorded_files",
@@ -130,11 +128,6 @@ class ObjectRecord:
     refined: tuple[dict[str, Any], ...] = ()
     run: dict[str, Any] | None = None
 
-    def was_changed(self, asked: dict[str, Any]) -> bool:
-        """Return whether the object was asked for by the text of a prompt, and corrected or resized after."""
-        text, own = (normalised(str(prompt.get("text", ""))) for prompt in (asked, self.prompt))
-        return bool(text) and text == own and bool(self.refined or self.levels)
-
 
 def new_id(name: str, taken: Sequence[str]) -> str:
     """Return a folder name made from `name` that is valid in every file system and not in `taken`.
@@ -155,15 +148,6 @@ def new_name(name: str, taken: Sequence[str]) -> str:
     """Return `name`, with ``-2``, ``-3``... when another object has that name."""
     name = " ".join(name.split()) or "object"
     return _numbered(name, set(taken))
-
-
-def found_again(name: str, same: ObjectRecord, count: int) -> str:
-    """Return a sentence that `count` Gaussians that were to be stored as `name` are the object `same`, which exists."""
-    if count != same.n_gaussians:
-        return f"{name!r} is {same.name!r}, which was changed since it was isolated, so no second object was stored."
-    which = "exists already with" if name == same.name else "has"
-    owner = "these Gaussians" if name == same.name else f"the Gaussians of {same.name!r}, which exists already"
-    return f"{name!r} {which} exactly {owner}, so no second object was stored."
 
 
 def _numbered(name: str, taken: set[str]) -> str:

@@ -51,7 +51,7 @@ __all__ = [
 ]
 
 _TRASH, _OBJECT, _INFO = "trash", "object", "trash.json"
-_VERSION = 1  # by definition
+_VERSION = 1
 _SCHEMA = {"version": int, "id": str, "name": str, "deleted": str, "why": str, "scene": optional((str, None))}
 
 
@@ -240,7 +240,7 @@ def _has_state(entry: Trashed, object_id: str, state: str) -> bool:
         return False
 
 
-def empty_trash(project: ProjectFolder, *, older_than_days: float = 0.0) -> tuple[int, int]:  # by definition
+def empty_trash(project: ProjectFolder, *, older_than_days: float = 0.0) -> tuple[int, int]:
     """Delete for good what is in the trash for `older_than_days`; return the number of objects and their bytes."""
     latest = datetime.now(UTC) - timedelta(days=older_than_days)
     entries = list_trash(project.path)

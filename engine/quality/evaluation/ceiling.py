@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Mask
 from ...core.errors import Cancelled
 from ...core.events import StopCheck
 from ...masks import mask_box
@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["words_of_true_masks"]
 
-Mask = NDArray[np.bool_]
 
-_MIN_VISIBLE_SHARE = 0.25  # by definition: that of engine.objects.crops
+_MIN_VISIBLE_SHARE = 0.25  # that of engine.objects.crops
 """Smallest area of an object in a photo, as a share of its area in the selected photo that shows most of it."""
 
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arrays import Float64, Mask
 from ...core.errors import Cancelled, MaskError
 from ...core.events import StopCheck
 from ...masks import boundary_iou, halo, holes, iou, stray
@@ -22,8 +23,6 @@ from .image_metrics import psnr
 
 __all__ = ["NOTHING_RETURNED", "Comparison", "Scores", "compare_with_all", "resized", "score_photo"]
 
-Mask = NDArray[np.bool_]
-Float64 = NDArray[np.float64]
 
 _MAX_ASPECT_DEVIATION = 0.02
 """Largest relative difference of the aspect ratios of a photo and its mask."""

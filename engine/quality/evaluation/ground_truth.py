@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.arrays import Mask
 from ...core.errors import FormatError, HeritageError, MaskError
 from ...core.files import is_inner_name, opened, optional, read_json, read_text
 from ...scene import photos_called
@@ -19,7 +20,6 @@ __all__ = ["LAYOUTS", "GroundTruth", "Layout", "read_ground_truth"]
 
 Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
-Mask = NDArray[np.bool_]
 
 _MIN_PIXELS = 100
 """Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""

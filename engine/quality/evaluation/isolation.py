@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from ...core.arrays import Mask
 from ...core.errors import Cancelled, SettingsError
 from ...core.events import Emit, Progress, StopCheck, Warned
 from ...objects import DetectorFactory, SamFactory
@@ -30,11 +31,10 @@ from .trained_scene import Answer, Question, TrainedScene
 __all__ = ["evaluate_project"]
 
 STAGE = "evaluation"
-Mask = NDArray[np.bool_]
 Answers = Mapping[tuple[Question, str], Answer]
 """Answers by question and name of the method."""
 
-_ISOLATION_SHARE = 0.8  # by definition
+_ISOLATION_SHARE = 0.8
 """Share of the progress bar that isolating takes; comparing takes the rest."""
 _EVERYTHING = "all objects"
 

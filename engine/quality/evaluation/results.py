@@ -13,9 +13,9 @@ from .settings import EvaluationSettings
 
 __all__ = ["FOUND_IOU", "WHOLE_IOU", "Evaluation", "Result", "ResultKind", "Row", "Search", "Word", "mean_of"]
 
-FOUND_IOU = 0.5  # by definition
+FOUND_IOU = 0.5
 """Mean IoU over the compared photos from which on an object, or a word, counts as found."""
-WHOLE_IOU = 0.85  # by definition
+WHOLE_IOU = 0.85
 """Mean IoU from which on a curator would call an object whole."""
 
 ResultKind = Literal["object", "ignored", "unseen", "false"]

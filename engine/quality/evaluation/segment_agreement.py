@@ -10,14 +10,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ...masks import mask_iou
+from ...pictures.settings import INSTANCE_COSINE
 from ...rasterizer import rasterize
 from ...scene import Gaussians
 from ...training import TrainingView, initial_features
 
 __all__ = ["SegmentAgreement", "segment_agreement", "innermost_pixel", "untrained_features"]
 
-Float32 = NDArray[np.float32]
 _MIN_ALPHA = 0.5
 """Alpha below which a pixel is not selected: too little of it is covered by Gaussians."""
 
@@ -44,7 +45,7 @@ def segment_agreement(
     gaussians: Gaussians,
     views: Sequence[TrainingView],
     *,
-    threshold: float = 0.7,
+    threshold: float = INSTANCE_COSINE,
     min_pixels: int = 100,
 ) -> SegmentAgreement:
     """Return the mean IoU between segments and the pixels that one click inside them selects.

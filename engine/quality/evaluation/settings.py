@@ -20,7 +20,7 @@ __all__ = [
 
 PromptKind = Literal["text", "mask", "click", "all"]
 
-IN_SAMPLE_SCENES = ("museum_room", "store_room", *(f"room_{number}" for number in range(1, 9)))  # by definition
+IN_SAMPLE_SCENES = ("museum_room", "store_room", *(f"room_{number}" for number in range(1, 9)))
 """Scenes that constants of the method were chosen on. On any other scene an evaluation is a test."""
 
 IN_SAMPLE_PHOTO_SETS = ("banana16", "sakharov_statue32", "skull66")

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Mask
 from ...core.errors import PromptError, SettingsError
 from ...core.events import Emit, StopCheck, ignore_events
 from ...masks import EmbeddingFolder
@@ -43,8 +43,6 @@ from .segment_agreement import innermost_pixel
 from .settings import Method, PromptKind
 
 __all__ = ["Answer", "Question", "TrainedScene"]
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

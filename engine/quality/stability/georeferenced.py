@@ -7,17 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from ...cameras import normalised_viewmat, original_from_world
+from ...core.arrays import Float64
 from ...scene import PinholeCamera
 from .bounds import Bounds
 from .measure import Finding
 from .scenes import Scene, facing_camera, ordinary_scene
 
 __all__ = ["unnormalised_case", "normalised_scene"]
-
-Float64 = NDArray[np.float64]
 
 
 def _offset(origin: float) -> Float64:

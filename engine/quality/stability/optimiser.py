@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from ...core.arrays import Float64
 from ...core.errors import NumericalError
 from ...rasterizer import AdamState, adam_step
 from .bounds import Bounds
@@ -15,7 +15,6 @@ from .measure import Finding
 
 __all__ = ["STEPS", "drifts", "refuses_gradient", "same_gradients", "valley"]
 
-Float64 = NDArray[np.float64]
 Gradient = Callable[[Float64, int], Float64]
 
 STEPS = 10_000

@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...cameras import normalised_viewmat, original_from_world
+from ...core.arrays import Pixels
 from ...scene import Gaussians
 from .training_measure import measure_training
-from .training_scenes import SETTINGS, Capture, Pixels, known_capture, pinhole, render_pixels, training_input
+from .training_scenes import SETTINGS, Capture, known_capture, pinhole, render_pixels, training_input
 
 __all__ = [
     "ABOVE_FLAT_DB",

@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...cameras import normalised_points, normalised_viewmat, original_from_world
+from ...core.arrays import Float64, Pixels
 from ...core.events import Emit, ignore_events
 from ...formats import SH_C0
 from ...rasterizer import rasterize
@@ -35,8 +36,6 @@ __all__ = [
     "training_input",
 ]
 
-Float64 = NDArray[np.float64]
-Pixels = NDArray[np.uint8]
 
 WIDTH, HEIGHT = 48, 36
 FOCAL = 44.0

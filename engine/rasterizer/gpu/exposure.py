@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ..adam import AdamState
 from .adapters import Gpu
 from .workspace import STORAGE
 
 __all__ = ["GpuExposures"]
-
-Float32 = NDArray[np.float32]
 
 
 class GpuExposures:

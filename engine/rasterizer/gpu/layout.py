@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ...core.errors import NumericalError
 
 __all__ = [
@@ -21,7 +21,6 @@ __all__ = [
     "with_room",
 ]
 
-Float32 = NDArray[np.float32]
 
 BLOCK = 64
 """Gaussians in a block of `pack_sh`."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ..adam import AdamState
 from .adapters import Gpu, translate_card_errors
 from .layout import pack_sh, sh_bytes, unpack_sh
@@ -17,7 +17,6 @@ from .workspace import STORAGE
 
 __all__ = ["GROUPS", "GpuParameters"]
 
-Float32 = NDArray[np.float32]
 
 GROUPS = ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest", "features")
 """Values that are trained with a learning rate of their own, in the order of optimiser.wgsl."""

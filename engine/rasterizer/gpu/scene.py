@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ...core.arrays import Float32
 from ...scene import PinholeCamera
 from ..raster import check_camera, check_finite
 from ..settings import RasterSettings
@@ -27,7 +28,6 @@ from .workspace import Workspace
 
 __all__ = ["GpuScene"]
 
-Float32 = NDArray[np.float32]
 
 CHANNELS_PER_PASS = 16
 """Channels blended or voted for in one pass, beside colours. It bounds the memory of votes, 96 bytes a pair, and the number

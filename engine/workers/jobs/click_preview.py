@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core import events
+from ...core.arrays import Mask
 from ...core.files import check, parse_json
 from ...core.system import no_window
 from .prompt_arguments import Click
@@ -34,8 +34,6 @@ _MASK = {"width": int, "height": int, "bits": str}
 _ANSWER = {"photo": str, "masks": {str: _MASK}}
 _END_SECONDS = 2.0
 """Seconds that the process has to end after its input is closed."""
-
-Mask = NDArray[np.bool_]
 
 
 def click_question(photo: str, clicks: Sequence[Click], object_id: str = "") -> str:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from engine.cameras.brown_lens import BrownLens
 from engine.cameras.given import has_points, read_cameras
 from engine.cameras.settings import CameraSettings
 from engine.cameras.undistortion import project
+from engine.core.arrays import Float64
 from engine.core.errors import CameraError, FormatError, HeritageError
 from engine.core.events import Warned
 from engine.scene import CameraSet, lens_pixels
@@ -25,7 +25,6 @@ from .test_given import POINTS, assert_true
 
 pytestmark = pytest.mark.usefixtures("readers_in_this_process")
 
-Float64 = NDArray[np.float64]
 QUICK = CameraSettings(max_side=400, max_features=1000, first_octave=0)
 FOCAL, CX, CY, K1 = LENS
 ORIGIN = np.zeros(3)

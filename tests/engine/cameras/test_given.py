@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 import pycolmap
 import pytest
-from numpy.typing import NDArray
 
 from engine.cameras.given import read_cameras
 from engine.cameras.settings import CameraSettings
 from engine.cameras.undistortion import project
+from engine.core.arrays import Float64
 from engine.core.errors import CameraError, FormatError
 from engine.scene.camera import Camera, CameraSet
 from engine.scene.photo import Photo, PhotoSet
 
 from .conftest import HEIGHT, LENS, WIDTH, Scene
 
-Float64 = NDArray[np.float64]
 QUICK = CameraSettings(max_side=400, max_features=1000, first_octave=0)
 ORIGIN = np.zeros(3)
 GEOREFERENCED = np.array([5e5, 4.5e6, 120.0])

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from engine.cameras.normalise import normalised_points, normalised_viewmat, original_from_world
+from engine.core.arrays import Float64
 
 from .conftest import looking_at
-
-Float64 = NDArray[np.float64]
 
 
 def orbit(elevation: float, *, degrees: float = 360.0, count: int = 24, rolls: Float64 | None = None) -> list[Float64]:

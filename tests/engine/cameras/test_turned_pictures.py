@@ -15,6 +15,7 @@ from engine.cameras.given import read_cameras
 from engine.cameras.settings import CameraSettings
 from engine.cameras.turning import MIRRORED, ORIENTATIONS, turned_lens, turned_pixels, turned_viewmat
 from engine.cameras.undistortion import project
+from engine.core.arrays import Float64
 from engine.core.errors import CameraError
 from engine.photos import load_pixels, read_photos
 from engine.photos.exif import UPRIGHT_TRANSPOSES
@@ -25,7 +26,6 @@ from .test_given import write_transforms
 
 pytestmark = pytest.mark.usefixtures("readers_in_this_process")
 
-Float64 = NDArray[np.float64]
 BACK = {1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 8, 7: 7, 8: 6}
 """The orientation that undoes another."""
 SQUARE = slice(50, 350)

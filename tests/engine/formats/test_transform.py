@@ -15,6 +15,7 @@ from engine.formats.transform import (
     quats_from_rotations,
     rotations_from_quats,
     transform_gaussians,
+    unit_quats,
 )
 from engine.scene.gaussians import Gaussians
 
@@ -165,3 +166,9 @@ def test_logits_of_opacities_0_and_1_are_finite_and_exact_in_float32() -> None:
     assert np.isfinite(logits).all()
     back = (1 / (1 + np.exp(-logits.astype(np.float64)))).astype(np.float32)
     np.testing.assert_allclose(back, opacities, rtol=4e-6, atol=6e-8)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_quaternion_without_a_direction_is_no_rotation(dtype: type) -> None:
+    unit = unit_quats(np.array([[0, 0, 0, 0], [0, 3, 0, 4]], dtype))
+    assert unit.dtype == dtype and np.allclose(unit, [[1, 0, 0, 0], [0, 0.6, 0, 0.8]])

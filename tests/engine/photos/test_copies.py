@@ -9,9 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
+from engine.core.arrays import Pixels
 from engine.core.events import Event, Warned
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
@@ -22,8 +22,6 @@ ROOT = Path(__file__).resolve().parents[3]
 MUSEUM = sorted((ROOT / "demo" / "museum_room" / "photos").glob("*.jpg"))
 # Blur is another matter: a small copy is softer or sharper than its original.
 ANY_SHARPNESS = PhotoSettings(blur_ratio=0.0)
-
-Pixels = NDArray[np.uint8]
 
 
 def photo(number: int, side: int = 640) -> Pixels:

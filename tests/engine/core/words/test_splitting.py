@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from engine.core.words import join_texts, split_texts, word_list
+from engine.core.words import join_texts, split_list, split_texts, word_list
 
 TWO = ["vase", "teapot"]
 
@@ -148,3 +148,8 @@ def test_every_word_of_the_vocabulary_is_one_text() -> None:
 )
 def test_joined_texts_are_taken_apart_into_the_same(texts: list[str]) -> None:
     assert split_texts(join_texts(texts)) == texts
+
+
+def test_names_between_semicolons_keep_their_commas_and_lose_blanks() -> None:
+    assert split_list(" a, b ;; c;") == ["a, b", "c"]
+    assert split_list(" ; ") == []
