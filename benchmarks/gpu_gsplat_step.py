@@ -28,7 +28,7 @@ from benchmarks.gpu_step import CASES, ROUNDS, SETTINGS, STEPS, segments
 from benchmarks.training.screening.gsplat_raster import ssim
 from engine.core.files import write_json
 from engine.formats import SH_C0
-from engine.training.losses import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, N_NEIGHBOURS
+from engine.training.losses.neighbours import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, N_NEIGHBOURS
 
 DEVICE = "cuda"
 TILE = 16

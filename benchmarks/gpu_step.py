@@ -22,18 +22,19 @@ import torch
 
 from benchmarks.gpu import HEIGHT, WIDTH, camera, scene
 from engine.core.files import write_json
-from engine.rasterizer.gpu import (
-    ClusteringSample,
-    GpuParameters,
-    GpuTrainer,
-    NeighbourSample,
-    PositionNoise,
-    StepPlan,
-    open_adapter,
-)
-from engine.rasterizer.settings import StepLimits, StepSettings
+from engine.rasterizer.gpu import open_adapter
 from engine.training.densify import MAX_WALK
-from engine.training.losses import N_FAR, N_NEIGHBOURS, LabelledPixels, drawn_anchors, drawn_pixels, labelled_pixels
+from engine.training.gpu import GpuParameters, GpuTrainer, PositionNoise, StepLimits, StepPlan, StepSettings
+from engine.training.losses import (
+    N_FAR,
+    N_NEIGHBOURS,
+    ClusteringSample,
+    LabelledPixels,
+    NeighbourSample,
+    drawn_anchors,
+    drawn_pixels,
+    labelled_pixels,
+)
 from engine.training.schedule import Schedule
 from engine.training.settings import TrainingSettings
 
@@ -100,8 +101,9 @@ def measure(n: int, case: str) -> dict[str, float]:
         if clustering is None:
             rates.pop("features", None)
         made = StepPlan(
-            0, rates, degree, lambda_opacity=0.01, lambda_ray=0.01 if clustering else 0.0, clustering=clustering,
-            neighbours=regulariser, noise=PositionNoise(1e-6, MAX_WALK, 0, step),
+            0, rates, degree, lambda_opacity=0.01, lambda_ray=0.01 if clustering else 0.0,
+            terms=[sample for sample in (clustering, regulariser) if sample],
+            noise=PositionNoise(1e-6, MAX_WALK, 0, step),
         )  # fmt: skip
         made.sort()
         return made

@@ -16,13 +16,14 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from engine.rasterizer import AdamState, Target, adam_step, photometric_loss, rasterize
+from engine.rasterizer import rasterize
 from engine.rasterizer.blend_backward import MOMENTS_SIZE, blend_tiles_backward
 from engine.rasterizer.blend_forward import GEOMETRY_SIZE, blend_tiles
 from engine.rasterizer.settings import RADIUS_SIGMAS, RasterSettings
 from engine.rasterizer.threads import Share, run_shared
 from engine.rasterizer.tiles import make_tile_lists
 from engine.scene import PinholeCamera
+from engine.training import AdamState, Target, adam_step, photometric_loss
 
 from .floor import arithmetic_floor_ms, count_operations, time_fmas_ms
 from .raster import Case
@@ -288,7 +289,7 @@ def _memory(case: Case) -> dict[str, float]:
 def _compile(case: Case) -> dict[str, float]:
     """Return the seconds of `compile_kernels`, without imports, with an empty and then with a filled cache."""
     code = (
-        "import os, time, torch; torch.set_num_threads(1); from engine.rasterizer.compilation import compile_kernels; "
+        "import os, time, torch; torch.set_num_threads(1); from engine.training.compilation import compile_kernels; "
         "cpu = lambda: sum(os.times()[:4]); wall, used = time.perf_counter(), cpu(); compile_kernels(); "
         "print(time.perf_counter() - wall, cpu() - used)"
     )

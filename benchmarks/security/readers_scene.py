@@ -416,7 +416,7 @@ def _read_glb(folder: Path) -> object:
 def _write_checkpoint(folder: Path) -> None:
     import torch
 
-    from engine.rasterizer import AdamState
+    from engine.training import AdamState
     from engine.training.checkpoint import RunState, write_checkpoint
     from engine.training.held_out import CurvePoint
     from engine.training.parameters import Parameters

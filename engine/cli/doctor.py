@@ -91,9 +91,10 @@ def _package(module: str, distribution: str) -> Check:
 def _gpu() -> Check:
     from ..rasterizer import look_for_card
 
-    findings = look_for_card()
-    uses = "`render` and training use it" if findings.card is not None else "pictures and training use the CPU"
-    return Check("graphics card", findings.card is not None, False, f"{findings.found}; {uses}")
+    device = look_for_card()
+    is_used = device.backend == "gpu"
+    uses = "`render` and training use it" if is_used else "pictures and training use the CPU"
+    return Check("graphics card", is_used, False, f"{device.found}; {uses}")
 
 
 def _encoding() -> Check:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -115,87 +116,128 @@ def reconstruct(
     """
     if out.resolve() == photos.resolve():
         raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")
-    given_photos = photos
     with ProjectFolder.create(out) as project, contextlib.ExitStack() as running:
-        runner = StageRunner(project, emit, should_stop)
-        if is_video(photos):
-            frames = project.path / "frames"
-            emit(StageStarted("frames"))
-            extract_frames(photos, frames, VideoSettings(), emit=emit, should_stop=should_stop)
-            photos = frames
+        _Run(StageRunner(project, emit, should_stop), photos, settings, running).run(until)
+        return project
+
+
+class _Run:
+    """One run of the pipeline: a method for each of `STAGES`, which keeps what the later ones need."""
+
+    def __init__(
+        self, runner: StageRunner, photos: Path, settings: PipelineSettings, running: contextlib.ExitStack
+    ) -> None:
+        self._runner, self._project = runner, runner.project
+        self._photos, self._settings, self._running = photos, settings, running
+        self._preset = settings.plan.preset
+
+    def run(self, until: str) -> None:
+        """Do the stages up to `until`."""
+        wanted = STAGES[: STAGES.index(until) + 1]
+        self.photos()
+        self._plan(wanted)
+        stages = [self.cameras, self.masks, self.training, self.objects, self.report]
+        if later := stages[: len(wanted) - 1]:
+            try:
+                for stage in later:
+                    stage()
+            finally:
+                # The finished stages inform the next forecast, also when the others were stopped.
+                update_calibration(self._project, self._runner.computed, *self._planned)
+
+    def photos(self) -> None:
+        """Read the photos, which are frames if a video was given."""
+        folder, settings, runner = self._photos, self._settings, self._runner
+        if is_video(folder):
+            folder = self._project.path / "frames"
+            runner.emit(StageStarted("frames"))
+            extract_frames(self._photos, folder, VideoSettings(), emit=runner.emit, should_stop=runner.should_stop)
         criteria = settings.photos.for_lens(settings.cameras.model, is_given=settings.camera_model is not None)
-        photo_set, statistics = photos_stage(
-            runner, photos, criteria, photo_masks=settings.photo_masks,
+        self._photo_set, self._statistics = photos_stage(
+            runner, folder, criteria, photo_masks=settings.photo_masks,
             background_sam=settings.masks.model if settings.mask_background else None,
         )  # fmt: skip
-        project.put("photo_folder", str(photos.resolve()))
-        project.put("engine_version", __version__)
-        store_input(project, _input_of(given_photos, settings))
-        preset, wanted = settings.plan.preset, STAGES[: STAGES.index(until) + 1]
+        self._project.put("photo_folder", str(folder.resolve()))
+        self._project.put("engine_version", __version__)
+        store_input(self._project, _input_of(self._photos, settings))
+
+    def _plan(self, wanted: Sequence[str]) -> None:
+        """Decide what the stages do and on which device, and refuse them if memory does not suffice."""
+        settings, project, preset = self._settings, self._project, self._preset
         # A finished training and the stages before it need no card, whose test takes seconds.
-        looks_for_card = "training" in wanted and training_is_to_come(
-            project, preset, photos_changed="photos" in runner.computed
+        self._looked_for_card = "training" in wanted and training_is_to_come(
+            project, preset, photos_changed="photos" in self._runner.computed
         )
-        work, forecast, calibration = plan_and_forecast(
-            photo_set,
-            statistics,
+        self._planned = plan_and_forecast(
+            self._photo_set,
+            self._statistics,
             settings.plan,
             cameras=settings.cameras,
             model=settings.camera_model,
             n_prompts=len(settings.prompts),
-            device=choose_training_device(settings.plan.device) if looks_for_card else planned_device(project, preset),
+            device=self._find_device() if self._looked_for_card else planned_device(project, preset),
             kept=kept_sizes(project, preset),
-            emit=emit,
+            emit=self._runner.emit,
         )
+        work, forecast, calibration = self._planned
         needed = tuple(stage for stage in forecast.stages if stage.stage in wanted)
         require_enough_memory(replace(forecast, stages=needed), work, calibration)
         store_forecast(project, work, forecast)
-        if until == "photos":
-            return project
-        training = training_settings(work)
-        try:
-            # Those of an earlier run are kept until the masks stage replaces them.
-            may_start = forecast.masks_beside and "masks" in wanted and runner.key_of("masks") is None
-            beside = running.enter_context(_masks_beside(project, photo_set, work, settings)) if may_start else None
-            camera_set = cameras_stage(
-                runner, photo_set, settings.cameras, camera_model=settings.camera_model, masks_beside=beside
+        # Masks of an earlier run are kept until the masks stage replaces them.
+        makes_masks = "masks" in wanted and self._runner.key_of("masks") is None
+        self._may_start_masks = forecast.masks_beside and makes_masks
+
+    def _find_device(self) -> Device:
+        return choose_training_device(self._settings.plan.device)
+
+    @functools.cached_property
+    def _device(self) -> Device:
+        """The planned device; one is looked for now if the plan took a training for done that is not."""
+        device = self._planned.work.device if self._looked_for_card else self._find_device()
+        return replace(device, required=self._settings.plan.device == "gpu")
+
+    def cameras(self) -> None:
+        """Estimate or read the cameras, and name the photos that get masks."""
+        work = self._planned.work
+        self._beside = None
+        if self._may_start_masks:
+            self._beside = self._running.enter_context(
+                _masks_beside(self._project, self._photo_set, work, self._settings)
             )
-            plan = plan_scene(work, camera_set)
-            project.put("plan", asdict(plan))
-            if until == "cameras":
-                return project
-            label_maps = masks_stage(runner, photo_set, plan, settings.masks, beside=beside)
-            if until == "masks":
-                return project
-            cameras_key = runner.key_of("cameras")
-            masks_key = runner.key_of("masks") if label_maps else cameras_key
-            given = TrainingInput(photo_set, camera_set, label_maps, cameras_key, masks_key)
+        self._camera_set = cameras_stage(
+            self._runner, self._photo_set, self._settings.cameras, camera_model=self._settings.camera_model,
+            masks_beside=self._beside,
+        )  # fmt: skip
+        self._scene_plan = plan_scene(work, self._camera_set)
+        self._project.put("plan", asdict(self._scene_plan))
 
-            @functools.cache
-            def find_device() -> Device:
-                """Return the planned device; one is looked for now if the plan took a training for done that is not."""
-                planned = Device(work.device.backend, work.device.name, work.device.reason)
-                return planned if looks_for_card else choose_training_device(settings.plan.device)
+    def masks(self) -> None:
+        """Segment the photos that the plan names."""
+        self._label_maps = masks_stage(
+            self._runner, self._photo_set, self._scene_plan, self._settings.masks, beside=self._beside
+        )
 
-            record_sizes(project, preset, work.sizes)
-            training_stage(runner, given, plan, training, preset=preset, find_device=find_device)
-            if until == "training":
-                return project
+    def training(self) -> None:
+        """Train the Gaussians."""
+        work, cameras_key = self._planned.work, self._runner.key_of("cameras")
+        masks_key = self._runner.key_of("masks") if self._label_maps else cameras_key
+        given = TrainingInput(self._photo_set, self._camera_set, self._label_maps, cameras_key, masks_key)
+        record_sizes(self._project, self._preset, work.sizes)
+        training_stage(
+            self._runner, given, self._scene_plan, training_settings(work), preset=self._preset,
+            find_device=lambda: self._device,
+        )  # fmt: skip
 
-            def rendering_device() -> Device:
-                return replace(find_device(), required=settings.plan.device == "gpu")
+    def objects(self) -> None:
+        """Isolate the objects that the prompts name."""
+        objects_stage(
+            self._runner, self._settings.prompts, self._settings.segment,
+            sam_model=self._settings.masks.model, find_device=lambda: self._device,
+        )  # fmt: skip
 
-            objects_stage(
-                runner, settings.prompts, settings.segment,
-                sam_model=settings.masks.model, find_device=rendering_device,
-            )  # fmt: skip
-            if until == "objects":
-                return project
-            report_stage(runner, find_device=rendering_device)
-        finally:
-            # The finished stages inform the next forecast, also when the others were stopped.
-            update_calibration(project, runner.computed, work, forecast, calibration)
-        return project
+    def report(self) -> None:
+        """Write the report."""
+        report_stage(self._runner, find_device=lambda: self._device)
 
 
 def _input_of(photos: Path, settings: PipelineSettings) -> ReconstructionInput:

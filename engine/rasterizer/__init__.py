@@ -1,8 +1,8 @@
-"""Differentiable rasterization of 3D Gaussians with any number of channels, with the loss and optimiser of training.
+"""Differentiable rasterization of 3D Gaussians with any number of channels.
 
-`rasterize` takes Gaussians and a camera and returns a `Raster`. `photometric_loss` compares its image with a photo, and
-`adam_step` updates the parameters. `CachedView` renders the same Gaussians many times from one camera, and `GpuScene` on
-a graphics card from any camera.
+`rasterize` takes Gaussians and a camera and returns a `Raster`. `CachedView` renders the same Gaussians many times from one
+camera, and `GpuScene` on a graphics card from any camera. Vector instructions and threads of Numba kernels (`JIT`, `fma`,
+`run_shared`) are public, because kernels of training are built from them.
 """
 
 from __future__ import annotations
@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING
 from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .adam import AdamState, adam_step
     from .api import rasterize, scene_on_card
     from .cached_view import CachedView
-    from .compilation import compile_kernels
+    from .compilation import compile_backward, compile_forward, garbage_collection_paused
     from .devices import (
         PROCESSOR,
-        Card,
         Device,
         Wanted,
         choose_device,
@@ -30,63 +28,55 @@ if TYPE_CHECKING:
         run_on,
         training_stopped,
     )
-    from .gpu import (
-        ClusteringSample,
-        Dropout,
-        GpuExposures,
-        GpuParameters,
-        GpuScene,
-        GpuTrainer,
-        NeighbourSample,
-        PaperSample,
-        PositionNoise,
-        StepPlan,
-        open_gpu,
-    )
-    from .jit import cache_folder
-    from .loss import Target, photometric_loss, ssim
-    from .raster import CulledCounts, Raster
+    from .finite import all_finite
+    from .gpu import GpuScene, open_gpu
+    from .jit import INNER, JIT, cache_folder
+    from .raster import CulledCounts, Raster, check_camera, check_finite
     from .reference import project_centres, project_covariances
     from .settings import MAX_CHANNELS
+    from .simd import fma, load, select, splat, store
+    from .threads import Share, n_usable_cores, new_counters, run_shared, take_range
 
 __all__ = [
+    "INNER",
+    "JIT",
     "MAX_CHANNELS",
     "PROCESSOR",
-    "AdamState",
     "CachedView",
-    "Card",
-    "ClusteringSample",
     "CulledCounts",
     "Device",
-    "Dropout",
-    "GpuExposures",
-    "GpuParameters",
     "GpuScene",
-    "GpuTrainer",
-    "NeighbourSample",
-    "PaperSample",
-    "PositionNoise",
     "Raster",
-    "StepPlan",
-    "Target",
+    "Share",
     "Wanted",
-    "adam_step",
+    "all_finite",
     "cache_folder",
+    "check_camera",
+    "check_finite",
     "choose_device",
     "choose_objects_device",
     "choose_training_device",
-    "compile_kernels",
+    "compile_backward",
+    "compile_forward",
     "device_words",
     "fallback",
+    "fma",
+    "garbage_collection_paused",
+    "load",
     "look_for_card",
+    "n_usable_cores",
+    "new_counters",
     "open_gpu",
-    "photometric_loss",
     "project_centres",
     "project_covariances",
     "rasterize",
     "run_on",
+    "run_shared",
     "scene_on_card",
-    "ssim",
+    "select",
+    "splat",
+    "store",
+    "take_range",
     "training_stopped",
 ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
 from ..core.child_process import ChildFailure, run_in_child
@@ -13,8 +13,6 @@ from ..core.system import card_memory
 
 __all__ = [
     "PROCESSOR",
-    "Card",
-    "CardFindings",
     "Device",
     "Wanted",
     "choose_device",
@@ -40,77 +38,52 @@ _NO_CARD = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
 
 
 @dataclass(frozen=True)
-class Card:
-    """A graphics card that passed its self-test.
-
-    Attributes
-    ----------
-    name, interface : str
-        Such as ``NVIDIA H100 80GB HBM3`` and ``Vulkan``.
-    max_buffer_bytes : int
-        Largest buffer that a kernel can see.
-    memory : int or None
-        Bytes of its own memory; None where that is not known, or the card uses the computer's memory.
-    shares_memory : bool
-        Whether its buffers are in the computer's memory.
-    """
-
-    name: str
-    interface: str
-    max_buffer_bytes: int
-    memory: int | None
-    shares_memory: bool
-
-    @property
-    def label(self) -> str:
-        """Name and interface, as the user reads them."""
-        return f"{self.name} ({self.interface})"
-
-
-@dataclass(frozen=True)
-class CardFindings:
-    """What was found when a graphics card was looked for.
-
-    Attributes
-    ----------
-    found : str
-        Cards, self-test, and software that is not used, for `doctor`.
-    reason : str
-        Why no card is used, a clause; empty if one is.
-    card : Card or None
-    """
-
-    found: str
-    reason: str
-    card: Card | None
-
-
-@dataclass(frozen=True)
 class Device:
-    """What renders or trains.
+    """What renders or trains, why, and what was found when a card was looked for.
 
     Attributes
     ----------
     backend : {"cpu", "gpu"}
         Argument of `engine.rasterizer.rasterize`.
     name : str
-        ``cpu``, or the card with its interface.
+        ``cpu``, or the card with its interface, such as ``NVIDIA H100 80GB HBM3 (Vulkan)``.
     reason : str
-        Why the card is not used, empty if it is or nobody asked for it.
-    card : Card or None
-        Known where training chose it.
+        Why the card is not used, a clause; empty if it is or nobody asked for it.
     required : bool
         Whether the user asked for the card, so that the processor does not replace it when it fails.
+    found : str
+        Cards, self-test, and software that is not used, for `doctor`.
+    max_buffer_bytes : int
+        Largest buffer that a kernel of the card can see; 0 where no card was looked for.
+    memory : int or None
+        Bytes of the card's own memory; None where that is not known, or the card uses the computer's memory.
+    shares_memory : bool
+        Whether its buffers are in the computer's memory.
+    planned : bool
+        Whether it is that of a plan: sizes were chosen for it, and it stays as it is.
+    n_bytes : int
+        Bytes that the plan expects on the card.
+    limited : bool
+        Whether the card holds fewer Gaussians than the preset has on a card.
+    kept : bool
+        Whether the sizes are those of an earlier run, and other ones would be chosen now.
     """
 
-    backend: Literal["cpu", "gpu"]
-    name: str
+    backend: Literal["cpu", "gpu"] = "cpu"
+    name: str = "cpu"
     reason: str = ""
-    card: Card | None = None
     required: bool = False
+    found: str = field(default="", compare=False)
+    max_buffer_bytes: int = 0
+    memory: int | None = None
+    shares_memory: bool = False
+    planned: bool = False
+    n_bytes: int = 0
+    limited: bool = False
+    kept: bool = False
 
 
-PROCESSOR = Device("cpu", "cpu")
+PROCESSOR = Device()
 
 
 def choose_device(wanted: Wanted) -> Device:
@@ -174,12 +147,10 @@ def choose_objects_device(wanted: Wanted) -> Device:
 def _choose_safely(wanted: Wanted, *, advice: str) -> Device:
     if wanted == "cpu":
         return PROCESSOR
-    findings = look_for_card()
-    if findings.card is not None:
-        return Device("gpu", findings.card.label, card=findings.card)
-    if wanted == "gpu":
-        raise EnvironmentProblem(f"{findings.reason}; {advice}.")
-    return Device("cpu", "cpu", findings.reason)
+    device = look_for_card()
+    if wanted == "gpu" and device.backend == "cpu":
+        raise EnvironmentProblem(f"{device.reason}; {advice}.")
+    return device
 
 
 def run_on(device: Device, compute: Callable[[Device], _Result]) -> tuple[_Result, Device]:
@@ -221,8 +192,8 @@ def training_stopped(device: Device, problem: EnvironmentProblem) -> Environment
     )
 
 
-def look_for_card() -> CardFindings:
-    """Return what `describe_cards` finds, in a process of its own: a driver may crash or hang."""
+def look_for_card() -> Device:
+    """Return the card, or the processor with the reason, in a process of its own: a driver may crash or hang."""
     try:
         answer = run_in_child(
             "rasterizer.devices:describe_cards", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
@@ -230,34 +201,36 @@ def look_for_card() -> CardFindings:
         )  # fmt: skip
     except ChildFailure as failure:
         reason = str(failure).rstrip(".")
-        return CardFindings(f"{reason}; update its driver", f"{reason[:1].lower()}{reason[1:]}", None)
-    card = answer["card"]
-    return CardFindings(answer["found"], answer["reason"], None if card is None else Card(**card))
+        return Device(reason=f"{reason[:1].lower()}{reason[1:]}", found=f"{reason}; update its driver")
+    return Device(**answer)
 
 
 def describe_cards() -> dict[str, Any]:
-    """Return the values of `CardFindings` as JSON values: cards, self-test, software that is not used."""
+    """Return the values of a `Device` as JSON values: the card, or the processor with the reason."""
     from .gpu import describe_adapters
 
     try:
         cards, software = describe_adapters(), describe_adapters(software=True)
         unused = "".join(f"; {name} is software and not used" for name in software)
         if not cards:
-            return {"found": f"none with Vulkan, Metal or DirectX 12{unused}", "reason": _NO_CARD, "card": None}
+            return asdict(Device(reason=_NO_CARD, found=f"none with Vulkan, Metal or DirectX 12{unused}"))
         # Only now, because it imports torch, which takes longer than to look for cards.
         from .gpu import open_gpu
 
         start = time.perf_counter()
         gpu = open_gpu()
     except EnvironmentProblem as problem:
-        return {"found": str(problem).rstrip("."), "reason": _clause(problem), "card": None}
+        return asdict(Device(reason=_clause(problem), found=str(problem).rstrip(".")))
     seconds = time.perf_counter() - start
     memory = None if gpu.shares_memory else card_memory(gpu.name)
-    card = Card(gpu.name, gpu.backend, gpu.max_binding_bytes, memory, gpu.shares_memory)
     unused = "".join(f"; {name} is another card and not used" for name in cards[1:]) + unused
     size = "" if memory is None else f", {memory / 2**30:.0f} GiB memory"
     found = f"{cards[0]}{size}; self-test against the CPU passed in {seconds:.1f} s{unused}"
-    return {"found": found, "reason": "", "card": asdict(card)}
+    device = Device(
+        "gpu", f"{gpu.name} ({gpu.backend})", found=found, max_buffer_bytes=gpu.max_binding_bytes, memory=memory,
+        shares_memory=gpu.shares_memory,
+    )  # fmt: skip
+    return asdict(device)
 
 
 def _clause(problem: EnvironmentProblem) -> str:

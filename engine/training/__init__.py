@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING
 from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from .adam import AdamState, adam_step
     from .background import background_gaussians
     from .card_settings import key_values, settings_with_sizes, sizes_on_card
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
+    from .compilation import compile_kernels
     from .coverage import WELL_SEEN, Coverage
     from .earlier_releases import former_settings
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
+    from .losses import Target, photometric_loss, ssim
+    from .overrides import read_overrides
     from .parameters import Parameters, render
     from .polishing import AloneTarget, train_alone
     from .quality import gaussians_so_far, measure_quality
@@ -35,13 +39,17 @@ __all__ = [
     "FEATURES_FILE",
     "CHECKPOINT_FILE",
     "WELL_SEEN",
+    "AdamState",
     "AloneTarget",
     "Coverage",
     "Parameters",
     "Schedule",
+    "Target",
     "TrainingResult",
     "TrainingView",
+    "adam_step",
     "background_gaussians",
+    "compile_kernels",
     "delete_old_runs",
     "former_settings",
     "gaussians_so_far",
@@ -50,10 +58,13 @@ __all__ = [
     "latest_run",
     "load_views",
     "measure_quality",
+    "photometric_loss",
+    "read_overrides",
     "read_progress",
     "render",
     "settings_with_sizes",
     "sizes_on_card",
+    "ssim",
     "start_gaussians",
     "train",
     "train_alone",

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import FormatError, NumericalError
 from ..core.files import ArraySpec, atomic_write, delete_derived, finite_or_null, parse_json, read_arrays
-from ..rasterizer import AdamState
 from ..scene import Gaussians
+from .adam import AdamState
 from .card_settings import key_values
 from .guards import ADVICE
 from .held_out import CurvePoint

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from ..rasterizer import adam_step
+from .adam import adam_step
 from .checkpoint import RunState
 from .densify import gaussian_errors, grow, grow_by_error, position_noise, relocate
 from .guards import backward, clamp_parameters, step_finite_rows

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 import torch
 
+from ..rasterizer.settings import Backend
 from .parameters import Parameters, render
 from .population import Population
-from .settings import Backend
 from .start import StartPoints
 from .views import Level
 

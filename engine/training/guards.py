@@ -14,8 +14,9 @@ import numpy as np
 import torch
 
 from ..core.errors import EnvironmentProblem, NumericalError, TrainingError, is_out_of_memory
-from ..rasterizer.settings import ALPHA_MIN, MAX_REFUSED_STEPS
+from ..rasterizer.settings import ALPHA_MIN
 from ..scene import Gaussians
+from .adam import MAX_REFUSED_STEPS
 from .parameters import Parameters
 
 __all__ = [

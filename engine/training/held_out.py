@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..core.files import atomic_write
-from ..rasterizer import ssim
+from ..rasterizer.settings import Backend
+from .losses import ssim
 from .parameters import render
-from .settings import Backend
 from .views import Level, TrainingView
 
 __all__ = [

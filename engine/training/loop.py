@@ -13,9 +13,10 @@ import torch
 from ..core.errors import Cancelled, DiskError
 from ..core.events import Emit, Metric, Preview, Progress, StopCheck, Warned
 from ..install.models import one_thread
-from ..rasterizer import AdamState, compile_kernels
 from ..scene import Gaussians
+from .adam import AdamState
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
+from .compilation import compile_kernels
 from .coverage import Coverage
 from .cpu_steps import CpuSteps
 from .guards import check_result, check_start, clamp_parameters, translate_out_of_memory
@@ -417,7 +418,7 @@ class _TrainingRun:
 
 def _open_steps(inputs: Inputs) -> Steps:
     if inputs.settings.backend == "gpu":
-        from .gpu_steps import GpuSteps
+        from .gpu import GpuSteps
 
         return GpuSteps(inputs)
     return CpuSteps(inputs)

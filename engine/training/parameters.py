@@ -8,9 +8,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..rasterizer import AdamState, Raster, adam_step, rasterize
+from ..rasterizer import Raster, rasterize
 from ..rasterizer.settings import Backend
 from ..scene import Gaussians, PinholeCamera
+from .adam import AdamState, adam_step
 from .settings import FeatureSettings
 
 __all__ = ["NAMES", "Parameters", "blended_features", "render"]

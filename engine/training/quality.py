@@ -12,12 +12,13 @@ import torch
 from numpy.typing import NDArray
 
 from ..core.events import StopCheck
+from ..rasterizer.settings import Backend
 from ..scene import CameraSet, Gaussians
 from .checkpoint import read_state
 from .coverage import WELL_SEEN, Coverage
 from .held_out import MAX_MEASURED_PHOTOS, Quality, image_quality, mean_quality, render_picture
 from .parameters import Parameters
-from .settings import Backend, TrainingSettings
+from .settings import TrainingSettings
 from .trials import brightness_factors
 from .views import Level, ViewPyramid, evenly_spaced_indices, load_views
 

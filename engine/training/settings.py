@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from ..core.errors import SettingsError
 from ..core.settings import require
+from ..rasterizer.settings import Backend
 from .setting_checks import require_at_least, require_choice, require_factor, require_fraction, require_positive
 
 __all__ = [
@@ -21,7 +22,6 @@ __all__ = [
     "PRESETS",
     "PRESET_LIST",
     "AppearanceSettings",
-    "Backend",
     "FeatureSettings",
     "GrowthSettings",
     "LossSettings",
@@ -49,8 +49,6 @@ _VALIDATION_EVERY = 8  # chosen on museum_room
 """One of so many training photos is a validation photo."""
 _MAX_VALIDATION_PHOTOS = 8
 """Largest number of validation photos, all of which are measured at each decision."""
-
-Backend = Literal["cpu", "gpu", "reference"]
 
 
 def validation_photos(n_training: int) -> tuple[int, ...]:
@@ -400,7 +398,7 @@ class TrainingSettings:
         SettingsError
             When a name is no setting of training, or a value is out of bounds.
         """
-        groups = {setting.name: group for group, setting in self._settings()}
+        groups = {setting.name: group for group, setting in self.single_settings()}
         changes: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             if name not in groups:
@@ -428,7 +426,7 @@ class TrainingSettings:
         n_validation = len(validation_photos(n_training))
         return max(part, _MIN_ROUNDS_IN_TRIAL * (n_training - n_validation)) if part and n_validation else 0
 
-    def _settings(self) -> Iterator[tuple[str, Field[Any]]]:
+    def single_settings(self) -> Iterator[tuple[str, Field[Any]]]:
         """Yield the name of its group (empty for none) and the field, for each single setting."""
         for own in fields(self):
             value = getattr(self, own.name)
@@ -439,8 +437,10 @@ class TrainingSettings:
 
     def _nearest(self, name: str) -> str:
         """Return the setting whose name, or stored name, is most like `name`."""
-        names = {setting.name: setting.name for _, setting in self._settings()}
-        names |= {setting.metadata.get("stored_as", setting.name): setting.name for _, setting in self._settings()}
+        names = {setting.name: setting.name for _, setting in self.single_settings()}
+        names |= {
+            setting.metadata.get("stored_as", setting.name): setting.name for _, setting in self.single_settings()
+        }
         return names[difflib.get_close_matches(name, names, n=1, cutoff=0.0)[0]]
 
 

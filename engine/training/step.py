@@ -1,17 +1,26 @@
-"""The loss of one training step: the pictures that are rendered and the terms that are added."""
+"""The loss of one training step: the pictures that are rendered and the terms that are added, also on a card."""
 
 from __future__ import annotations
 
 import torch
 
-from ..rasterizer import photometric_loss
 from .checkpoint import RunState
 from .densify import drop
 from .losses import (
+    N_FAR,
+    ClusteringSample,
+    LabelledPixels,
+    NeighbourSample,
+    PaperSample,
+    Sample,
     clustering_loss,
+    drawn_anchors,
+    drawn_of_paper,
+    drawn_pixels,
     nearest_neighbours,
     neighbour_regulariser,
     paper_regulariser,
+    photometric_loss,
     ray_disagreement,
 )
 from .parameters import blended_features, render
@@ -19,7 +28,7 @@ from .schedule import ANCHORS, DROP, SAMPLE, Schedule
 from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
 from .views import Level
 
-__all__ = ["clustering_scale", "clusters", "neighbours_are_stale", "regularises", "step_loss"]
+__all__ = ["clustering_scale", "clusters", "neighbours_are_stale", "regularises", "samples_of_step", "step_loss"]
 
 NEIGHBOUR_UPDATE_INTERVAL = 100  # chosen on museum_room
 """Steps after which the cached neighbours are found again. Gaussians move little in between."""
@@ -74,6 +83,44 @@ def step_loss(
     if "features" in values and regularises(features, step, len(state.parameters)):
         loss = loss + _regulariser(state, schedule.generator(step, ANCHORS), features, extent)
     return loss
+
+
+def samples_of_step(
+    state: RunState,
+    level: Level,
+    schedule: Schedule,
+    settings: TrainingSettings,
+    extent: float,
+    *,
+    step: int,
+    n_gaussians: int,
+) -> list[Sample]:
+    """Return what the losses with kernels of their own are evaluated on in a step on a card, as `step_loss` adds them.
+
+    Parameters
+    ----------
+    state : RunState
+        Whose neighbours are those of the present Gaussians where L_reg needs them.
+    level : Level
+        The photo at the size of the step.
+    schedule : Schedule
+    settings : TrainingSettings
+    extent : float
+        Extent of the scene, world units.
+    step, n_gaussians : int
+        Number of the step, and of the Gaussians on the card.
+    """
+    samples: list[Sample] = []
+    features = settings.features
+    has_features = "features" in state.parameters.values
+    if has_features and clusters(features, step, level):
+        assert level.labelled is not None
+        weight = features.lambda_clustering * clustering_scale(level)
+        samples.append(_clustering_sample(level.labelled, weight, features, schedule.generator(step, SAMPLE)))
+    if has_features and regularises(features, step, n_gaussians):
+        generator = schedule.generator(step, ANCHORS)
+        samples.append(_regulariser_sample(state, n_gaussians, extent, features, generator))
+    return samples
 
 
 def clusters(features: FeatureSettings, step: int, level: Level) -> bool:
@@ -144,3 +191,23 @@ def _regulariser(state: RunState, generator: torch.Generator, settings: FeatureS
         lambda_push=settings.lambda_push,
         generator=generator,
     )
+
+
+def _clustering_sample(
+    labelled: LabelledPixels, weight: float, features: FeatureSettings, generator: torch.Generator
+) -> ClusteringSample:
+    drawn, times = drawn_pixels(labelled, features.clustering_pixels, generator)
+    return ClusteringSample(labelled.index[drawn], labelled.cluster[drawn], labelled.counts.numpy(), weight * times)
+
+
+def _regulariser_sample(
+    state: RunState, n: int, extent: float, features: FeatureSettings, generator: torch.Generator
+) -> NeighbourSample | PaperSample:
+    weights = features.lambda_pull, features.lambda_push
+    if features.regularisation == "paper":
+        subset, anchors = drawn_of_paper(n, generator)
+        return PaperSample(subset.numpy(), anchors.numpy(), *weights)
+    assert state.neighbours is not None
+    anchors, tries = drawn_anchors(n, generator)
+    near = state.neighbours[anchors]
+    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent, *weights)

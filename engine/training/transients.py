@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from ..core.arrays import Float32, Mask
+from ..rasterizer.settings import Backend
 from .parameters import Parameters, render
-from .settings import Backend
 from .views import Level
 
 __all__ = ["find_transients"]

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import TrainingError
 from ..core.events import StopCheck, never_stop
-from ..rasterizer import Target
 from ..scene import Camera, CameraSet, PinholeCamera
-from .losses import LabelledPixels, labelled_pixels
+from .losses import LabelledPixels, Target, labelled_pixels
 from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
 
 __all__ = [

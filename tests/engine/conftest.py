@@ -27,7 +27,7 @@ def blobs() -> BlobScene:
 @pytest.fixture(scope="session", autouse=True)
 def _no_graphics_card() -> Iterator[None]:
     """Commands of tests train on the processor, also on a computer with a card, and do not look for one."""
-    answer = {"found": "none", "reason": "tests use no graphics card", "card": None}
+    answer = {"reason": "tests use no graphics card", "found": "none"}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: answer)
         yield
@@ -36,14 +36,18 @@ def _no_graphics_card() -> Iterator[None]:
 @pytest.fixture
 def card(monkeypatch: pytest.MonkeyPatch) -> Gpu:
     """Let all that renders, and the commands that isolate objects, take a software adapter for a graphics card."""
-    from engine.rasterizer import Card
+    from engine.rasterizer import Device
 
     from .cards import card_or_skip
 
     gpu = card_or_skip()
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
-    found = asdict(Card(gpu.name, gpu.backend, gpu.max_binding_bytes, None, gpu.shares_memory))
-    answer = {"found": gpu.name, "reason": "", "card": found}
+    answer = asdict(
+        Device(
+            "gpu", f"{gpu.name} ({gpu.backend})", found=gpu.name, max_buffer_bytes=gpu.max_binding_bytes,
+            shares_memory=gpu.shares_memory,
+        )
+    )  # fmt: skip
     monkeypatch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: answer)
     return gpu
 

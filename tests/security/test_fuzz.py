@@ -68,6 +68,8 @@ NOT_REACHED = {
     "engine/core/system/machine.py": "what the system states",
     "engine/rasterizer/jit.py": "our own source code",
     "engine/rasterizer/gpu/": "the memory of the card, and our own source code",
+    "engine/training/gpu/": "the memory of the card",
+    "engine/training/losses/exposure.py": "the memory of the card",
     "engine/core/lazy_exports.py": "our own source code",
     "engine/cameras/model_reading.py:_converted": "reached in a child process, by colmap-binary and colmap-text",
     "engine/cameras/model_reading.py:_names_of_text_model": "reached in a child process, by colmap-text",

@@ -14,6 +14,7 @@ from ...pipeline.reconstruct import PipelineSettings, reconstruct
 from ...pipeline.stages import STAGES
 from ...project.folder import ProjectFolder
 from ...rasterizer import device_words
+from ...training import read_overrides
 from .chosen_models import add_sam_argument
 from .deprecated import add_deprecated_option
 from .scene_options import (
@@ -22,6 +23,7 @@ from .scene_options import (
     add_no_objects_option,
     add_preset_option,
     add_prompts_option,
+    add_set_option,
     add_size_options,
     prompts_of,
 )
@@ -42,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_preset_option(parser)
     add_device_option(parser)
     add_size_options(parser)
+    add_set_option(parser)
     add_camera_options(parser)
     parser.add_argument(
         "--mask-background",
@@ -89,6 +92,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             max_side=options.max_side,
             wants_objects=not options.no_objects,
             exclude_transients=options.transients,
+            overrides=read_overrides(options.set),
         ),
         masks=replace(MASK_PRESETS[options.segments], model=options.sam),
         camera_model=options.cameras,

@@ -16,6 +16,7 @@ __all__ = [
     "add_no_objects_option",
     "add_preset_option",
     "add_prompts_option",
+    "add_set_option",
     "add_size_options",
     "describe_presets",
     "prompts_of",
@@ -77,6 +78,17 @@ def add_size_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="PIXELS",
         help="longest side of the pictures in training on a graphics card, in place of the preset's 1,600 pixels",
+    )
+
+
+def add_set_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--set``, which `read_overrides` reads."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="one setting of training in place of the preset's, for an experiment, such as lr_means=1e-3; repeatable",
     )
 
 

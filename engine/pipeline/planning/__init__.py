@@ -25,13 +25,11 @@ if TYPE_CHECKING:
     from .outcome import update_calibration
     from .plan_text import format_plan, format_presets
     from .planned_work import plan_and_forecast, plan_presets, store_forecast
-    from .training_device import TrainingDevice
 
 __all__ = [
     "Calibration",
     "PlanSettings",
     "ScenePlan",
-    "TrainingDevice",
     "WorkPlan",
     "calibrate",
     "choose_sizes",

@@ -9,8 +9,9 @@ No other module makes these decisions. Measurements behind the constants: docs/d
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -18,11 +19,10 @@ import numpy as np
 from ...cameras.settings import CameraSettings
 from ...core.settings import require
 from ...photos import PhotoStatistics
-from ...rasterizer import Wanted
+from ...rasterizer import PROCESSOR, Device, Wanted
 from ...scene import CameraSet, Photo, PhotoSet
 from ...training import settings_with_sizes
 from ...training.settings import MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
-from .training_device import ON_PROCESSOR, DeviceChoice, TrainingDevice
 
 __all__ = [
     "LeftOut",
@@ -70,6 +70,8 @@ class PlanSettings:
         Largest number of photos that get SAM masks. Neighbouring photos show nearly the same segments.
     exclude_transients : bool
         Whether content that appears in one photo only, such as people who walk by, is excluded from training.
+    overrides : dict
+        Single settings of training by name, in place of what preset and plan say, see `training.read_overrides`.
     leave_out : bool
         Whether unnecessary work is left out. False is for measuring what leaving out saves and costs: masks for all
         photos, features with their loss in every step, and all bands of colour without a trial.
@@ -82,10 +84,12 @@ class PlanSettings:
     wants_objects: bool = True
     n_mask_photos: int = 28  # chosen on museum_room
     exclude_transients: bool = False  # chosen on museum_room
+    overrides: dict[str, Any] = field(default_factory=dict)
     leave_out: bool = True
 
     def __post_init__(self) -> None:
         require(self, "preset", self.preset in PRESETS, f"one of {', '.join(PRESETS)}")
+        PRESETS[self.preset].changed(**self.overrides)
         require(self, "n_mask_photos", self.n_mask_photos >= 1, "at least 1")
         for name, least in (("max_gaussians", 1_000), ("max_side", 64)):
             value = getattr(self, name)
@@ -152,10 +156,10 @@ class WorkPlan:
         Advice to the user before the work starts, as sentences.
     exclude_transients : bool
         See `PlanSettings`.
-    device : TrainingDevice
+    device : Device
         What is trained on.
-    sizes : dict
-        Settings in place of those of the preset, by name.
+    sizes, overrides : dict
+        Settings in place of those of the preset, by name: for the device, and given by the user.
     """
 
     preset: str
@@ -180,8 +184,9 @@ class WorkPlan:
     trial: float
     clustering_interval: int
     exclude_transients: bool = False
-    device: TrainingDevice = ON_PROCESSOR.device
+    device: Device = PROCESSOR
     sizes: dict[str, int] = field(default_factory=dict)
+    overrides: dict[str, Any] = field(default_factory=dict)
 
     @property
     def n_training(self) -> int:
@@ -226,7 +231,7 @@ def plan_work(
     cameras: CameraSettings,
     poses_given: bool,
     points_given: bool = False,
-    choice: DeviceChoice = ON_PROCESSOR,
+    choice: tuple[Device, Mapping[str, int]] = (PROCESSOR, MappingProxyType({})),
 ) -> WorkPlan:
     """Make the decisions that need only the photos and the settings.
 
@@ -241,12 +246,13 @@ def plan_work(
         States up to how many photos every pair is matched.
     poses_given, points_given : bool
         Whether the user gave camera poses, and sparse points with them.
-    choice : DeviceChoice
-        What is trained on, and the sizes of the preset there.
+    choice : tuple
+        Result of `choose_sizes`: what is trained on, and settings in place of the preset's there.
     """
     count = len(photo_set.photos)
-    n_held_out = n_test_photos(count, settings.preset)
-    preset = settings_with_sizes(settings.preset, choice.sizes, count - n_held_out)
+    n_held_out = n_test_photos(count, settings)
+    device, sizes = choice
+    preset = settings_with_sizes(settings.preset, sizes, count - n_held_out).changed(**settings.overrides)
     largest = largest_photo(photo_set)
     scale = min(1.0, preset.schedule.max_side / max(largest.width, largest.height))
     left_out: list[LeftOut] = []
@@ -274,11 +280,11 @@ def plan_work(
                 f"their longest side has {max(largest.width, largest.height)} pixels",
             )
         )
-    if choice.device.limited:
+    if device.limited:
         left_out.append(
             LeftOut(
                 f"Gaussians beyond {preset.growth.max_gaussians:,}",
-                f"{choice.device.name} holds no more beside the photos",
+                f"{device.name} holds no more beside the photos",
             )
         )
     texture = float(np.median([photo.texture for photo in statistics])) if statistics else 1.0
@@ -304,12 +310,13 @@ def plan_work(
         max_gaussians=preset.growth.max_gaussians,
         steps=steps,
         left_out=tuple(left_out),
-        notes=_notes(photo_set, texture, poses_given) + _kept_sizes(choice, preset),
+        notes=_notes(photo_set, texture, poses_given) + _kept_sizes(device, sizes, preset),
         trial=preset.appearance.trial_fraction if settings.leave_out else 0.0,
         clustering_interval=interval,
         exclude_transients=settings.exclude_transients,
-        device=choice.device,
-        sizes=dict(choice.sizes),
+        device=device,
+        sizes=dict(sizes),
+        overrides=settings.overrides,
     )
 
 
@@ -318,18 +325,22 @@ def largest_photo(photo_set: PhotoSet) -> Photo:
     return max(photo_set.photos, key=lambda photo: photo.width * photo.height)
 
 
-def n_test_photos(count: int, preset: str) -> int:
+def n_test_photos(count: int, settings: PlanSettings | WorkPlan) -> int:
     """Return how many of `count` photos are test photos."""
-    every = PRESETS[preset].measurement.held_out_every
+    every = _held_out_every(settings)
     return len(range(every // 2, count, every)) if every else 0
 
 
-def _kept_sizes(choice: DeviceChoice, preset: TrainingSettings) -> tuple[str, ...]:
+def _held_out_every(settings: PlanSettings | WorkPlan) -> int:
+    return PRESETS[settings.preset].changed(**settings.overrides).measurement.held_out_every
+
+
+def _kept_sizes(device: Device, sizes: Mapping[str, int], preset: TrainingSettings) -> tuple[str, ...]:
     """Return a sentence about sizes that an earlier run chose for another device; nothing for present ones."""
-    if not choice.device.kept:
+    if not device.kept:
         return ()
     return (
-        f"The training of this project was begun on {'a graphics card' if choice.sizes else 'the processor'} and keeps "
+        f"The training of this project was begun on {'a graphics card' if sizes else 'the processor'} and keeps "
         f"its sizes: at most {preset.growth.max_gaussians:,} Gaussians, pictures of {preset.schedule.max_side} pixels. "
         "Choose another preset or a new folder for those of this device.",
     )
@@ -353,7 +364,7 @@ def with_steps(preset: TrainingSettings, steps: int) -> TrainingSettings:
 
 def _steps(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
     """Return the number of steps, `steps_for` the photos where anything may be left out."""
-    if not settings.leave_out:
+    if not settings.leave_out or "steps" in settings.overrides:
         return preset.schedule.steps
     steps = steps_for(preset, n_trained)
     if steps < preset.schedule.steps:
@@ -462,11 +473,10 @@ def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str,
 
 def training_settings(work: WorkPlan) -> TrainingSettings:
     """Return the settings of the plan's preset, changed by the plan's decisions."""
-    preset = settings_with_sizes(work.preset, work.sizes, work.n_training)
+    preset = settings_with_sizes(work.preset, work.sizes, work.n_training).changed(**work.overrides)
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
-
-    return with_steps(preset, work.steps).changed(
+    planned = with_steps(preset, work.steps).changed(
         clustering_interval=work.clustering_interval,
         lambda_clustering=preset.features.lambda_clustering * share,
         lambda_ray=preset.features.lambda_ray * share,
@@ -474,6 +484,7 @@ def training_settings(work: WorkPlan) -> TrainingSettings:
         transients=work.exclude_transients,
         trial_fraction=work.trial,
     )
+    return planned.changed(**work.overrides)
 
 
 def work_plan_as_dict(work: WorkPlan) -> dict[str, Any]:
@@ -497,7 +508,7 @@ def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:
 
 def choose_photos(work: WorkPlan, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the test photos and the photos that get masks among `names`, the photos with a camera in sorted order."""
-    every = PRESETS[work.preset].measurement.held_out_every
+    every = _held_out_every(work)
     held_out = tuple(names[every // 2 :: every]) if every else ()
     wanted = min(work.n_mask_photos, len(names))
     if wanted in (0, len(names)):

@@ -18,7 +18,6 @@ from ...training import settings_with_sizes, sizes_on_card
 from ...training.settings import PRESETS, TrainingSettings
 from .card_forecast import card_bytes, gaussians_that_fit
 from .decisions import PlanSettings, largest_photo, n_test_photos
-from .training_device import DeviceChoice, TrainingDevice
 
 __all__ = [
     "choose_sizes",
@@ -47,19 +46,19 @@ _UNBOUNDED = 1 << 62
 def choose_sizes(
     settings: PlanSettings,
     photo_set: PhotoSet,
-    device: Device | TrainingDevice,
+    device: Device,
     kept: Mapping[str, int] | None,
     *,
     free: int | None,
-) -> DeviceChoice:
-    """Return the sizes of a preset on a device, or on the processor if the card does not hold the scene.
+) -> tuple[Device, dict[str, int]]:
+    """Return the planned device, the processor if the card does not hold the scene, and the preset's sizes there.
 
     Parameters
     ----------
     settings : PlanSettings
     photo_set : PhotoSet
-    device : Device or TrainingDevice
-        A `TrainingDevice` is that of an earlier plan, which stays as it is.
+    device : Device
+        One that is planned already stays as it is.
     kept : mapping or None
         Sizes that the project was begun with, see `kept_sizes`; None for a new one.
     free : int or None
@@ -73,23 +72,23 @@ def choose_sizes(
         If sizes are wanted that the device or the preset cannot have, or that the project was not begun with.
     """
     wanted = settings.wanted_sizes
-    if isinstance(device, TrainingDevice):
+    if device.planned:
         _require_kept(wanted, kept or {})
-        return DeviceChoice(device, kept or {})
-    if device.card is None:
+        return device, dict(kept or {})
+    if device.backend == "cpu":
         if wanted and kept is None:
             reason = f": {device.reason}" if device.reason else ""
             raise SettingsError(f"{_options(wanted)} needs training on a graphics card, and none is used{reason}.")
         _require_kept(wanted, kept or {})
-        return DeviceChoice(TrainingDevice("cpu", "cpu", device.reason, kept=bool(kept)), kept or {})
-    card, preset = device.card, settings.preset
+        return Device(reason=device.reason, planned=True, kept=bool(kept)), dict(kept or {})
+    preset = settings.preset
     n_photos = len(photo_set.photos)
-    n_training = n_photos - n_test_photos(n_photos, preset)
+    n_training = n_photos - n_test_photos(n_photos, settings)
     largest = largest_photo(photo_set)
     features = settings.wants_objects or not settings.leave_out
 
     def on_card(sizes: Mapping[str, int]) -> tuple[TrainingSettings, dict[str, Any]]:
-        training = settings_with_sizes(preset, sizes, n_training)
+        training = settings_with_sizes(preset, sizes, n_training).changed(**settings.overrides)
         scale = min(1.0, training.schedule.max_side / max(largest.width, largest.height))
         width, height = round(largest.width * scale), round(largest.height * scale)
         values = {"sh_degree": training.appearance.sh_degree, "width": width, "height": height}
@@ -100,35 +99,37 @@ def choose_sizes(
         raise SettingsError(f"{_options(wanted)} cannot be used with the preset {preset}, whose sizes are fixed.")
     _, scene = on_card(unbounded if kept is None else kept)
     room = gaussians_that_fit(
-        own_memory=card.memory,
-        free=free if card.shares_memory else None,
-        max_buffer_bytes=card.max_buffer_bytes,
+        own_memory=device.memory,
+        free=free if device.shares_memory else None,
+        max_buffer_bytes=device.max_buffer_bytes,
         **scene,
     )
     chosen = sizes_on_card(preset, room, wanted)
     sizes = chosen if kept is None else kept
     if dict(sizes) != chosen:
         _require_kept(wanted, sizes)
-    needed = PRESETS[preset].growth.max_gaussians if kept is None else on_card(kept)[0].growth.max_gaussians
+    smallest = PRESETS[preset].changed(**settings.overrides) if kept is None else on_card(kept)[0]
+    needed = smallest.growth.max_gaussians
     if room < needed:
         reason = (
-            f"{card.label} holds {room:,} Gaussians beside {n_photos} photos of {scene['width']} x {scene['height']} "
+            f"{device.name} holds {room:,} Gaussians beside {n_photos} photos of {scene['width']} x {scene['height']} "
             f"pixels and this scene needs {needed:,}"
         )
         if settings.device == "gpu":
             raise EnvironmentProblem(f"{reason}; use a smaller preset or fewer photos, or train with --device cpu.")
-        return DeviceChoice(TrainingDevice("cpu", "cpu", reason, kept=bool(kept)), kept or {})
+        return Device(reason=reason, planned=True, kept=bool(kept)), dict(kept or {})
     training, scene = on_card(sizes)
-    planned = TrainingDevice(
+    planned = Device(
         "gpu",
-        card.label,
-        memory=card.memory,
-        shares_memory=card.shares_memory,
+        device.name,
+        planned=True,
+        memory=device.memory,
+        shares_memory=device.shares_memory,
         n_bytes=card_bytes(training.growth.max_gaussians, **scene),
         limited=kept is None and bool(chosen) and chosen["max_gaussians"] < unbounded["max_gaussians"],
         kept=kept is not None and dict(kept) != chosen,
     )
-    return DeviceChoice(planned, dict(sizes))
+    return planned, dict(sizes)
 
 
 def _require_kept(wanted: Mapping[str, int], kept: Mapping[str, int]) -> None:
@@ -175,10 +176,10 @@ def record_sizes(project: ProjectFolder, preset: str, sizes: Mapping[str, int]) 
         project.put(_RECORD, recorded)
 
 
-def planned_device(project: ProjectFolder, preset: str) -> TrainingDevice:
+def planned_device(project: ProjectFolder, preset: str) -> Device:
     """Return the device of the project's last plan, the processor where that is not known or was for another preset."""
     plan = project.get("work_plan")
     stored = plan.get("device") if isinstance(plan, dict) and plan.get("preset") == preset else None
     if isinstance(stored, dict) and check(stored, _DEVICE) is None and stored["backend"] in ("cpu", "gpu"):
-        return TrainingDevice(**{name: stored[name] for name in _DEVICE})
-    return TrainingDevice()
+        return Device(planned=True, **{name: stored[name] for name in _DEVICE})
+    return Device(planned=True)

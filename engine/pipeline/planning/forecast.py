@@ -174,7 +174,7 @@ class Forecast:
     n_runs : int
         Number of earlier runs on this machine that corrected the forecast.
     device : str
-        What training is forecast for, see `TrainingDevice.name`.
+        What training is forecast for, see `Device.name`.
     masks_beside : bool
         Whether masks can be made while the cameras are estimated: there is another core, and memory for both.
     """

@@ -22,7 +22,6 @@ from .calibration import Calibration
 from .decisions import PlanSettings, WorkPlan, plan_work, training_settings, work_plan_as_dict
 from .device_choice import choose_sizes
 from .forecast import Forecast, forecast_as_dict, forecast_work
-from .training_device import TrainingDevice
 
 __all__ = ["PlannedWork", "plan_and_forecast", "plan_presets", "store_forecast"]
 
@@ -83,7 +82,7 @@ def plan_and_forecast(
     cameras: CameraSettings,
     model: Path | None,
     n_prompts: int,
-    device: Device | TrainingDevice,
+    device: Device,
     kept: Mapping[str, int] | None,
     emit: Emit,
 ) -> PlannedWork:

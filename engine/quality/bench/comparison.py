@@ -72,7 +72,7 @@ class Row:
     fitted_psnr, well_seen_psnr, well_seen_share, dark_share : float or None
         See `training.quality.MeasuredQuality`.
     device : str
-        What was trained on, see `TrainingDevice.name`.
+        What was trained on, see `Device.name`.
     """
 
     name: str

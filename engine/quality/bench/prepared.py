@@ -14,7 +14,6 @@ from ...pipeline.planning import WorkPlan, plan_scene, record_sizes
 from ...pipeline.reconstruct import PipelineSettings
 from ...pipeline.stages import StageRunner, TrainingInput, cameras_stage, masks_stage, photos_stage, training_stage
 from ...project.folder import ProjectFolder
-from ...rasterizer import Device
 from ...scene import read_camera_set, read_photo_set
 from ...training.settings import TrainingSettings
 
@@ -109,8 +108,7 @@ def train_prepared(
         runner = StageRunner(project, emit, should_stop)
         plan = plan_scene(work, prepared.camera_set)
         label_maps = {name: path for name, path in prepared.label_maps.items() if name in plan.mask_photos}
-        given, planned = replace(prepared, label_maps=label_maps), work.device
-        device = Device(planned.backend, planned.name, planned.reason)
+        given = replace(prepared, label_maps=label_maps)
         record_sizes(project, work.preset, work.sizes)
-        training_stage(runner, given, plan, training, preset=work.preset, find_device=lambda: device)
+        training_stage(runner, given, plan, training, preset=work.preset, find_device=lambda: work.device)
         return project

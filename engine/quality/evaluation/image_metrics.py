@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from ...core.errors import NumericalError
-from ...rasterizer import ssim as rasterizer_ssim
+from ...training import ssim as training_ssim
 
 __all__ = ["l1", "psnr", "ssim"]
 
@@ -53,7 +53,7 @@ def ssim(image: NDArray[Any], target: NDArray[Any]) -> float:
         When a picture is not finite.
     """
     one, other = (torch.from_numpy(_unit(picture).astype(np.float32)) for picture in (image, target))
-    return float(rasterizer_ssim(one, other))
+    return float(training_ssim(one, other))
 
 
 def _difference(image: NDArray[Any], target: NDArray[Any], mask: NDArray[np.bool_] | None) -> NDArray[np.float64]:

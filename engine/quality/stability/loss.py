@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as functional
 
 from ...core.errors import NumericalError
-from ...rasterizer import photometric_loss
+from ...training import photometric_loss
 from .bounds import Bounds
 from .condition import sensitivities
 from .measure import Finding, worst_gradient

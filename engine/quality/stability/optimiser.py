@@ -9,7 +9,7 @@ import torch
 
 from ...core.arrays import Float64
 from ...core.errors import NumericalError
-from ...rasterizer import AdamState, adam_step
+from ...training import AdamState, adam_step
 from .bounds import Bounds
 from .measure import Finding
 

@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 import torch
 
 from ...core.errors import CameraError, NumericalError
 from ...rasterizer import Raster
-from ...rasterizer.settings import ALPHA_MAX, ALPHA_MIN, T_MIN
+from ...rasterizer.settings import ALPHA_MAX, ALPHA_MIN, T_MIN, Backend
 from .bounds import Bounds
 from .measure import Finding, largest_error
 from .scenes import Scene, facing_camera, ordinary_scene
@@ -27,7 +26,6 @@ __all__ = [
     "refuses_input",
 ]
 
-Backend = Literal["cpu", "reference"]
 
 BAD_VALUES = (math.nan, math.inf, -math.inf)
 BACKENDS: tuple[Backend, ...] = ("cpu", "reference")

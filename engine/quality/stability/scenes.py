@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from ...rasterizer import Raster, rasterize
-from ...rasterizer.settings import RasterSettings
+from ...rasterizer.settings import Backend, RasterSettings
 from ...scene import PinholeCamera
 
 __all__ = ["NAMES", "ONE_THREAD", "Scene", "facing_camera", "ordinary_scene", "slanted_camera"]
@@ -62,7 +62,7 @@ class Scene:
             self, **{name: value.detach().to(dtype).requires_grad_() for name, value in self.tensors().items()}
         )
 
-    def render(self, backend: Literal["cpu", "reference"]) -> Raster:
+    def render(self, backend: Backend) -> Raster:
         """Render with one of the backends, in the dtype of the arrays."""
         return rasterize(
             self.means,

@@ -1,8 +1,8 @@
 """The ``gpu`` backend: one WGSL source for all graphics cards, run by wgpu over Vulkan, Metal or DirectX 12.
 
 `open_gpu` opens a card after a self-test against the ``cpu`` backend. `Frame` holds the buffers of one image size and
-encodes its forward and backward pass. `GpuTrainer` makes training steps whose data stay on the card,
-`GpuScene` pictures and votes of Gaussians that stay there. See docs/graphics_cards.md and docs/design_notes/gpu.md.
+encodes its forward and backward pass. `GpuScene` makes pictures and votes of Gaussians that stay on the card. The other
+names are what training steps on a card (`engine.training.gpu`) are built from. See docs/graphics_cards.md and docs/design_notes/gpu.md.
 """
 
 from __future__ import annotations
@@ -12,39 +12,47 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .adapters import Gpu, describe_adapters, open_adapter
+    from .adapters import Gpu, describe_adapters, open_adapter, translate_card_errors
     from .autograd import rasterize_gpu
-    from .clustering import ClusteringSample
-    from .exposure import GpuExposures
-    from .frame import Frame
-    from .layout import FrameSize
-    from .neighbours import NeighbourSample
-    from .paper import PaperSample
-    from .parameters import GpuParameters
-    from .plans import StepPlan
+    from .constants import Uniform
+    from .frame import Frame, camera_values
+    from .layout import BLOCK, FrameSize, grown_capacity, pack_sh, sh_bytes, sh_ranges, unpack_sh, with_room
     from .scene import GpuScene
     from .self_test import open_gpu
-    from .step import GpuTrainer
-    from .training_frame import Dropout, PositionNoise
+    from .shaders import RENDERING, Sources
+    from .submissions import Dispatch, Submissions, Timings, encode, run_together, wait_until_done
+    from .workspace import PLACES, STORAGE, Workspace
 
 __all__ = [
-    "ClusteringSample",
-    "Dropout",
+    "BLOCK",
+    "PLACES",
+    "RENDERING",
+    "STORAGE",
+    "Dispatch",
     "Frame",
     "FrameSize",
     "Gpu",
-    "GpuExposures",
-    "GpuParameters",
     "GpuScene",
-    "GpuTrainer",
-    "NeighbourSample",
-    "PaperSample",
-    "PositionNoise",
-    "StepPlan",
+    "Sources",
+    "Submissions",
+    "Timings",
+    "Uniform",
+    "Workspace",
+    "camera_values",
     "describe_adapters",
+    "encode",
+    "grown_capacity",
     "open_adapter",
     "open_gpu",
+    "pack_sh",
     "rasterize_gpu",
+    "run_together",
+    "sh_bytes",
+    "sh_ranges",
+    "translate_card_errors",
+    "unpack_sh",
+    "wait_until_done",
+    "with_room",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -1,7 +1,7 @@
 """Assembly of the WGSL kernels for a number of channels, and their compilation.
 
-A kernel is the text of its files, in order, after the constants of `engine.rasterizer.settings`. Two notations are
-expanded, because WGSL has no loops at compile time:
+A kernel is the text of its file after ``common.wgsl``, the files that its first line ``//needs A B`` names, and the
+constants of `engine.rasterizer.settings`. Two notations are expanded, because WGSL has no loops at compile time:
 
 - A line that ends with ``// each Q`` is repeated for each chunk of four channels, with ``_Q`` and ``Q_`` replaced by
   its number; ``// each C`` repeats for each channel, where ``_QC`` is the component that holds it, and ``// each P`` for
@@ -15,18 +15,25 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...core.files import read_text
 from .. import settings
-from ..loss_kernels import SSIM_C1, SSIM_C2, SSIM_WINDOW
 from .adapters import Gpu
 from .modules import create_module
 
-__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "backward_sizes", "kernel_source", "kernels_of"]
+__all__ = [
+    "SCAN_BLOCK",
+    "SORT_BLOCK",
+    "Kernels",
+    "RENDERING",
+    "Sources",
+    "backward_sizes",
+    "kernel_source",
+    "kernels_of",
+]
 
 SORT_BLOCK = 2048
 """Keys that a workgroup sorts."""
@@ -34,59 +41,32 @@ SORT_BLOCK = 2048
 SCAN_BLOCK = 1024
 """Values that a workgroup sums."""
 
-KERNELS = {
-    "project": ("ellipse", "tiles", "project"),
-    "colors": ("sh", "colors"),
-    "radix_count": ("radix", "radix_count"),
-    "radix_scatter": ("radix", "radix_scatter"),
-    "scan": ("scan",),
-    "gather": ("gather",),
-    "prepare": ("prepare",),
-    "emit": ("tiles", "emit"),
-    "lists": ("lists",),
-    "blend": ("cover", "tile", "blend"),
-    "blend_backward": ("cover", "blend_backward"),
-    "sum_pairs": ("sum_pairs",),
-    "sum_votes": ("sum_votes",),
-    "project_backward": ("ellipse", "project_backward"),
-    "colors_backward": ("sh", "colors_backward"),
-    "similarity": ("loss", "window", "tree_sum", "similarity"),
-    "loss_total": ("loss", "tree_sum", "loss_total"),
-    "loss_gradient": ("loss", "window", "loss_gradient"),
-    "exposure_gradient": ("loss", "tree_sum_4", "exposure_gradient"),
-    "ray_gradient": ("loss", "tree_sum", "ray_gradient"),
-    "clustering_units": ("clustering", "clustering_units"),
-    "clustering_centers": ("clustering", "tree_sum_4", "clustering_centers"),
-    "clustering_losses": ("clustering", "tree_sum_4", "clustering_logit", "clustering_losses"),
-    "clustering_center_gradients": ("clustering", "tree_sum_4", "clustering_logit", "clustering_center_gradients"),
-    "clustering_pixels": ("clustering", "clustering_pixels"),
-    "clustering_total": ("clustering", "tree_sum_4", "clustering_total"),
-    "neighbour_cosines": ("neighbours", "feature_length", "tree_sum_4", "neighbour_cosines"),
-    "neighbour_total": ("neighbours", "tree_sum_4", "neighbour_total"),
-    "neighbour_gradients": ("neighbours", "feature_length", "neighbour_gradients"),
-    "activate": ("optimiser", "philox", "dropout", "tree_sum", "activate"),
-    "activate_channels": ("optimiser", "activate_channels"),
-    "find_not_finite": ("find_not_finite",),
-    "verdict": ("optimiser", "verdict"),
-    "find_overflow": ("optimiser", "philox", "dropout", "row_gradient", "channel_gradient", "find_overflow"),
-    "find_sh_overflow": ("optimiser", "find_sh_overflow"),
-    "adam_rows": ("optimiser", "philox", "dropout", "row_gradient", "adam_rows"),
-    "adam_sh": ("optimiser", "adam_sh"),
-    "adam_channels": ("optimiser", "channel_gradient", "adam_channels"),
-    "noise": ("philox", "noise"),
-    "limits": ("optimiser", "limits"),
-    "error_gradient": ("error_gradient",),
-    "add_errors": ("optimiser", "add_errors"),
-    **{
-        f"search_{part}": ("search", f"search_{part}")
-        for part in ("sample", "codes", "permute", "points", "boxes", "nearest")
-    },
-    "extremes": ("extremes",),
-    "gather_rows": ("gather_rows",),
-    "gather_sh": ("gather_sh",),
-    "adam_exposure": ("optimiser", "tree_sum_4", "adam_exposure"),
-}
-"""Files of each kernel, after ``common``."""
+_NEEDS = "//needs "
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where the kernels of a package are written.
+
+    Attributes
+    ----------
+    folders : tuple of Path
+        A file is read from the first of them that has it.
+    constants : tuple of (str, float)
+        Constants of these kernels besides those of the rasterizer.
+    """
+
+    folders: tuple[Path, ...]
+    constants: tuple[tuple[str, float], ...] = ()
+
+    @functools.cache  # noqa: B019  (a process has two of them)
+    def path_of(self, name: str) -> Path:
+        """Return the file of a kernel, or of a part that kernels need."""
+        return next(path for folder in self.folders if (path := folder / f"{name}.wgsl").is_file())
+
+
+RENDERING = Sources((Path(__file__).parent / "shaders",))
+"""The kernels of the rasterizer."""
 
 
 def backward_sizes(n_channels: int) -> dict[str, int]:
@@ -112,7 +92,7 @@ def backward_sizes(n_channels: int) -> dict[str, int]:
     }
 
 
-def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
+def _constants(sources: Sources, n_channels: int, n_moving: int, float64: bool) -> str:
     chunks = -(-n_channels // 4)
     floats = {
         "ALPHA_MIN": settings.ALPHA_MIN,
@@ -124,10 +104,6 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
         "COV_MAX": settings.COV_MAX,
         "DIRECTION_NORM_MIN": settings.DIRECTION_NORM_MIN,
         "RADIUS_SIGMAS": settings.RADIUS_SIGMAS,
-        **{f"WINDOW_{i}": float(weight) for i, weight in enumerate(SSIM_WINDOW)},
-        "SSIM_C1": float(SSIM_C1),
-        "SSIM_C2": float(SSIM_C2),
-        "BYTE": float(np.float32(1.0 / 255.0)),
         "NORM_MIN": 1e-9,
         "LN2": math.log(2.0),
         "SH0": 0.5 / math.sqrt(math.pi),
@@ -138,6 +114,7 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
         "SH32": 0.5 * math.sqrt(105.0 / math.pi),
         "SH31": 0.25 * math.sqrt(21.0 / (2.0 * math.pi)),
         "SH30": 0.25 * math.sqrt(7.0 / math.pi),
+        **dict(sources.constants),
     }
     unsigned = {
         "CHANNELS": n_channels,
@@ -197,15 +174,18 @@ def _expand(text: str, n_channels: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-@functools.lru_cache(maxsize=64)
-def _file(name: str) -> str:
-    return read_text(Path(__file__).parent / "shaders" / f"{name}.wgsl", advice="Set up the engine again.")
+@functools.lru_cache(maxsize=128)
+def _file(path: Path) -> str:
+    return read_text(path, advice="Set up the engine again.")
 
 
-def kernel_source(name: str, n_channels: int, n_moving: int, *, float64: bool) -> str:
+def kernel_source(sources: Sources, name: str, n_channels: int, n_moving: int, *, float64: bool) -> str:
     """Return the WGSL of a kernel for `n_channels` channels, of which the first `n_moving` move Gaussians."""
-    text = "".join(_file(part) for part in ("common", *KERNELS[name]))
-    return _constants(n_channels, n_moving, float64) + _expand(text, n_channels)
+    own = _file(sources.path_of(name))
+    first = own.partition("\n")[0]
+    needed = first.removeprefix(_NEEDS).split() if first.startswith(_NEEDS) else []
+    text = "".join(_file(sources.path_of(part)) for part in ("common", *needed)) + own
+    return _constants(sources, n_channels, n_moving, float64) + _expand(text, n_channels)
 
 
 class Kernels:
@@ -218,13 +198,13 @@ class Kernels:
 
     def __init__(self, gpu: Gpu) -> None:
         self._gpu = gpu
-        self._pipelines: dict[tuple[str, str, int, int], Any] = {}
+        self._pipelines: dict[tuple[Path, str, int, int], Any] = {}
 
-    def get(self, name: str, entry: str = "main", n_channels: int = 4, n_moving: int = 4) -> Any:
+    def get(self, sources: Sources, name: str, entry: str, n_channels: int, n_moving: int) -> Any:
         """Return the compute pipeline of a kernel's function `entry`."""
-        key = (name, entry, n_channels, n_moving)
+        key = (sources.path_of(name), entry, n_channels, n_moving)
         if key not in self._pipelines:
-            code = kernel_source(name, n_channels, n_moving, float64=self._gpu.float64)
+            code = kernel_source(sources, name, n_channels, n_moving, float64=self._gpu.float64)
             module = create_module(self._gpu.device, name, code)
             self._pipelines[key] = self._gpu.device.create_compute_pipeline(
                 label=name, layout="auto", compute={"module": module, "entry_point": entry}

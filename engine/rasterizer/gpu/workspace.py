@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,10 @@ from ...core.errors import EnvironmentProblem
 from ...core.system import free_memory
 from .adapters import Gpu, translate_card_errors
 from .constants import Constants, Uniform
-from .shaders import SCAN_BLOCK, SORT_BLOCK, kernels_of
+from .shaders import RENDERING, SCAN_BLOCK, SORT_BLOCK, Sources, kernels_of
 from .submissions import Count, Dispatch, wait_until_done
 
-__all__ = ["STORAGE", "Workspace"]
+__all__ = ["PLACES", "STORAGE", "Workspace"]
 
 STORAGE = 0x80 | 0x8 | 0x4  # STORAGE | COPY_DST | COPY_SRC of WebGPU
 _UNIFORM = 0x40
@@ -29,15 +29,9 @@ PLACES = {
     "keys_1": "gradients",
     "values_0": "sh_gradient",
     "pair_tiles": "rows",
-    "maps": "rows",
     "pair_gaussians": "image",
-    "codes": "depth_keys",
-    "high_codes": "offsets",
-    "points": "geometry",
-    "boxes": "info",
-    "found": "rows",
 }
-"""Buffers that lie in the place of another one, which is written after their last use in a step or search."""
+"""Buffers that lie in the place of another one, which is written after their last use."""
 
 
 class Workspace:
@@ -59,7 +53,14 @@ class Workspace:
     ----------
     buffers : dict of str to wgpu.GPUBuffer
         They may be larger than asked for, with anything behind the part in use.
+    sources : Sources
+        Where the kernels are written.
+    places : mapping of str to str
+        Buffers that lie in the place of another one.
     """
+
+    sources: ClassVar[Sources] = RENDERING
+    places: ClassVar[Mapping[str, str]] = PLACES
 
     def __init__(
         self,
@@ -91,7 +92,7 @@ class Workspace:
         self._check_bindings(sizes)
         places: dict[str, int] = {}
         for name, n_bytes in sizes.items():
-            place = PLACES.get(name, name)
+            place = self.places.get(name, name)
             places[place] = max(16, n_bytes, places.get(place, 0))
         held = {name: one for name, one in {**self._pool, **self._shared}.items() if one.size >= places.get(name, 0)}
         new = {place: n_bytes for place, n_bytes in places.items() if place not in held}
@@ -105,7 +106,7 @@ class Workspace:
                 held[place] = self.gpu.device.create_buffer(size=n_bytes, usage=STORAGE, label=place)
                 self._pool[place] = held[place]
         for name, n_bytes in sizes.items():
-            self.buffers[name] = held[PLACES.get(name, name)]
+            self.buffers[name] = held[self.places.get(name, name)]
             self._n_bytes[name] = max(16, n_bytes)
 
     def _check_bindings(self, sizes: Mapping[str, int]) -> None:
@@ -181,7 +182,7 @@ class Workspace:
         indirect: int = -1,
     ) -> Dispatch:
         """Return the dispatch of `kernel` on the buffers `names`, or on (name, first byte, bytes) of a buffer."""
-        pipeline = kernels_of(self.gpu).get(kernel, entry, self._n_channels, self._n_moving)
+        pipeline = kernels_of(self.gpu).get(self.sources, kernel, entry, self._n_channels, self._n_moving)
         resources = [uniform.resource if isinstance(uniform, Uniform) else uniform]
         for item in names:
             name, first, n_bytes = (item, 0, self._bytes_of(item)) if isinstance(item, str) else item

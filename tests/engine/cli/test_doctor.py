@@ -94,8 +94,7 @@ def test_card_is_looked_for_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPa
 
 
 def test_card_that_passes_its_self_test_is_used_for_pictures_and_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    card = {"name": "Card", "interface": "Vulkan", "max_buffer_bytes": 1, "memory": None, "shares_memory": False}
-    answer = {"found": "Card (Vulkan, ...)", "reason": "", "card": card}
+    answer = {"backend": "gpu", "name": "Card (Vulkan)", "found": "Card (Vulkan, ...)", "max_buffer_bytes": 1}
     monkeypatch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: answer)
     check = doctor._gpu()
     assert check.ok and check.detail == "Card (Vulkan, ...); `render` and training use it"

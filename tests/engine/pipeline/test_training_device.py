@@ -17,7 +17,7 @@ from tests.engine.command_line import Answer, call
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 
 REASON = "this computer has no graphics card"
-CARD = {"name": "Card", "interface": "Vulkan", "max_buffer_bytes": 2 << 30, "memory": 8 << 30, "shares_memory": False}
+CARD = {"backend": "gpu", "name": "Card (Vulkan)", "max_buffer_bytes": 2 << 30, "memory": 8 << 30}
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Computer:
     def find(self, *_: object, **__: object) -> dict[str, Any]:
         """Answer in place of the child process that tests the card."""
         self.looked += 1
-        return {"found": "", "reason": "" if self.card else REASON, "card": self.card}
+        return self.card or {"reason": REASON}
 
     def train_here(self, start: Any, views: Any, settings: Any, **more: Any) -> Any:
         """Train on the processor, whichever device is asked for: there is no card."""

@@ -12,7 +12,7 @@ import pytest
 _ROOT = Path(__file__).parents[3]
 _COMPILE = """
 import logging
-from engine.rasterizer.compilation import compile_kernels
+from engine.training.compilation import compile_kernels
 logging.basicConfig()
 compile_kernels()
 """
@@ -20,8 +20,8 @@ _STEP = """
 import hashlib
 import torch
 from engine.scene.camera import PinholeCamera
-from engine.rasterizer.adam import AdamState, adam_step
-from engine.rasterizer.loss import photometric_loss
+from engine.training.adam import AdamState, adam_step
+from engine.training.losses.photometric import photometric_loss
 from numba.core import event
 from tests.engine.rasterizer.scenes import random_scene
 

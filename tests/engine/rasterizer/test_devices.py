@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -20,13 +20,13 @@ from engine.rasterizer.devices import (
     training_stopped,
 )
 
-CARD = {"name": "Card", "interface": "Vulkan", "max_buffer_bytes": 2 << 30, "memory": 8 << 30, "shares_memory": False}
+CARD = Device("gpu", "Card (Vulkan)", max_buffer_bytes=2 << 30, memory=8 << 30)
 NO_CARD = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
 
 
-def answer(monkeypatch: pytest.MonkeyPatch, card: dict[str, Any] | None, reason: str = "") -> None:
+def answer(monkeypatch: pytest.MonkeyPatch, card: Device | None, reason: str = "") -> None:
     """Let the child process find this."""
-    found = {"found": "", "reason": reason, "card": card}
+    found = asdict(card or Device(reason=reason))
     monkeypatch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: found)
 
 
@@ -71,7 +71,7 @@ def test_driver_that_crashes_in_the_test_does_not_end_the_run(monkeypatch: pytes
 def test_software_adapter_is_named_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     adapters(monkeypatch, [], ["llvmpipe (Vulkan, driver Mesa, CPU, ...)"])
     found = describe_cards()
-    assert found["card"] is None and found["reason"] == NO_CARD
+    assert found["backend"] == "cpu" and found["reason"] == NO_CARD
     assert "none with Vulkan" in found["found"] and "llvmpipe" in found["found"] and "is software" in found["found"]
 
 
@@ -81,17 +81,17 @@ def test_card_is_described_with_the_result_of_its_self_test(monkeypatch: pytest.
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
     monkeypatch.setattr("engine.rasterizer.devices.card_memory", lambda name: 8 << 30)
     found = describe_cards()
-    assert found["card"] == CARD
+    assert Device(**found) == CARD
     assert "driver 1.2" in found["found"] and "8 GiB memory; self-test" in found["found"]
     gpu.shares_memory = True
-    assert describe_cards()["card"]["memory"] is None
+    assert describe_cards()["memory"] is None
 
     def refuse() -> None:
         raise EnvironmentProblem("the graphics card Card computes a test picture wrongly; use the CPU.")
 
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", refuse)
     found = describe_cards()
-    assert found["card"] is None and found["reason"] == "the graphics card Card computes a test picture wrongly"
+    assert found["backend"] == "cpu" and found["reason"] == "the graphics card Card computes a test picture wrongly"
 
 
 def test_training_that_the_card_ends_says_how_to_continue() -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from engine.rasterizer import compile_kernels, jit
+from engine.rasterizer import jit
+from engine.training import compile_kernels
 
 
 def test_no_stored_kernel_has_a_longer_path_than_the_one_that_is_tried() -> None:

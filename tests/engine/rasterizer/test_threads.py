@@ -11,11 +11,11 @@ from numba import njit
 from numba.core.runtime import _nrt_python, rtsys
 from numpy.typing import NDArray
 
-from engine.rasterizer.adam import AdamState, adam_step
 from engine.rasterizer.api import rasterize
 from engine.rasterizer.finite import all_finite
-from engine.rasterizer.loss import Target, photometric_loss
 from engine.rasterizer.threads import Share, new_counters, run_shared, take_range
+from engine.training.adam import AdamState, adam_step
+from engine.training.losses.photometric import Target, photometric_loss
 from tests.engine.rasterizer.scenes import camera, random_scene
 
 

@@ -15,8 +15,8 @@ import torch
 
 from engine.core.errors import Cancelled
 from engine.core.events import ignore_events
-from engine.rasterizer import AdamState
 from engine.scene import Gaussians
+from engine.training import AdamState
 from engine.training.checkpoint import (
     CHECKPOINT_FILE,
     RunState,

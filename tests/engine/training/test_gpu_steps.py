@@ -15,8 +15,8 @@ import pytest
 from engine.core.errors import Cancelled, EnvironmentProblem
 from engine.core.events import Event, Progress
 from engine.rasterizer.gpu import Gpu, open_adapter
-from engine.training import gpu_steps
 from engine.training.checkpoint import CHECKPOINT_FILE
+from engine.training.gpu import steps as gpu_steps
 from engine.training.result import TrainingResult
 from tests.conftest import wait_until
 
@@ -106,7 +106,7 @@ _CHILD = """
 import sys
 from pathlib import Path
 from engine.rasterizer.gpu import open_gpu
-from engine.training import gpu_steps
+from engine.training.gpu import steps as gpu_steps
 from tests.engine.training.conftest import make_scene
 from tests.engine.training.test_gpu_steps import LAST, run
 gpu = open_gpu(software=sys.argv[2] == "software")

@@ -1,3 +1,4 @@
+//needs cover tile
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> geometry: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> entries: array<vec2<u32>>;

@@ -1,3 +1,4 @@
+//needs cover
 // Backward pass of blending, a tile a workgroup: 256 invocations, 8 blocks of 8x4 pixels. The list is taken in batches of
 // 32 Gaussians from the back. With g = dL/dC of a pixel and e_i = w_i (color_i . g):
 //   R_i = dL/dT_final T_final + sum of e behind i,   s_i = alpha_i dL/dalpha_i = e_i - R_i alpha_i / (1 - alpha_i).

@@ -1,3 +1,4 @@
+//needs sh
 // Values to blend: max(0, 0.5 + SH(direction)), then the channels, padded with zeros to rows of CHUNKS vec4.
 // `sh` is stored in blocks of 64 Gaussians, [n_sh * 3][64] each; the dispatch covers Gaussians view.first to view.last.
 @group(0) @binding(0) var<uniform> view: View;

@@ -1,3 +1,4 @@
+//needs sh
 // Gradients of spherical harmonics, and their part of the gradients of means and pose, for Gaussians view.first to
 // view.last; runs after project_backward.
 @group(0) @binding(0) var<uniform> view: View;

@@ -1,3 +1,4 @@
+//needs tiles
 // Lists the tiles of each Gaussian, nearest Gaussian first: pair i has a tile and a Gaussian.
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> geometry: array<vec4<f32>>;

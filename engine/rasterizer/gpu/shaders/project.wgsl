@@ -1,3 +1,4 @@
+//needs ellipse tiles
 // Projection of every Gaussian to an ellipse on the screen (projection.py), one invocation each.
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> means: array<f32>;

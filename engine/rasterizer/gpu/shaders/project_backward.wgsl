@@ -1,3 +1,4 @@
+//needs ellipse
 // From the moments of a Gaussian to the gradients of its parameters; formulas as in projection_backward.py.
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> means: array<f32>;

@@ -1,3 +1,4 @@
+//needs radix
 @group(0) @binding(3) var<storage, read_write> digits: array<u32>;  // [256 digits][blocks]
 
 var<workgroup> histogram: array<atomic<u32>, 256>;

@@ -1,3 +1,4 @@
+//needs radix
 @group(0) @binding(3) var<storage, read> values: array<u32>;
 @group(0) @binding(4) var<storage, read> digits: array<u32>;  // first position of [256 digits][blocks]
 @group(0) @binding(5) var<storage, read_write> sorted_keys: array<u32>;

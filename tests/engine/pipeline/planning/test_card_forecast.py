@@ -7,8 +7,10 @@ import pytest
 
 from engine.core.errors import EnvironmentProblem
 from engine.pipeline.planning.card_forecast import card_bytes, gaussians_that_fit
-from engine.rasterizer.gpu import FrameSize, GpuExposures, GpuParameters, open_adapter
-from engine.rasterizer.gpu.training_frame import TrainingFrame
+from engine.rasterizer.gpu import FrameSize, open_adapter
+from engine.training.gpu import GpuParameters
+from engine.training.gpu.training_frame import TrainingFrame
+from engine.training.losses import GpuExposures
 
 N, ROOM, WIDTH, HEIGHT = 20_000, 25_000, 640, 480
 

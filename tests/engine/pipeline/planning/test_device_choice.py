@@ -21,9 +21,8 @@ from engine.pipeline.planning.device_choice import (
 from engine.pipeline.planning.forecast import forecast_work
 from engine.pipeline.planning.plan_text import format_plan
 from engine.pipeline.planning.planned_work import store_forecast
-from engine.pipeline.planning.training_device import TrainingDevice
 from engine.project.folder import ProjectFolder
-from engine.rasterizer import Card, Device
+from engine.rasterizer import Device
 from engine.training.card_settings import CARD_SIZES
 from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS
@@ -35,12 +34,12 @@ MACHINE = Machine(2, 16 * GIB, "cpu", "test")
 
 
 def card(memory: int | None = 24 * GIB, *, buffers: int = 2 * GIB, shared: bool = False) -> Device:
-    found = Card("Card", "Vulkan", buffers, None if shared else memory, shared)
-    return Device("gpu", found.label, card=found)
+    own = None if shared else memory
+    return Device("gpu", "Card (Vulkan)", max_buffer_bytes=buffers, memory=own, shares_memory=shared)
 
 
 def plan(
-    device: Device | TrainingDevice,
+    device: Device,
     preset: str = "standard",
     *,
     kept: dict[str, int] | None = None,
@@ -210,10 +209,10 @@ def test_finished_training_keeps_its_plan_without_a_look_at_the_cards(project: P
     calibration = Calibration(tmp_path / "calibration.json", "key", REFERENCE)
     store_forecast(project, work, forecast_work(work, training_settings(work), MACHINE, calibration))
     assert planned_device(project, "best") == work.device
-    assert planned_device(project, "standard") == TrainingDevice()
+    assert planned_device(project, "standard") == Device(planned=True)
     assert plan(planned_device(project, "best"), "best", kept=dict(work.sizes)) == work
     project.put("work_plan", {"preset": "best", "device": {"backend": "cloud"}})
-    assert planned_device(project, "best") == TrainingDevice()
+    assert planned_device(project, "best") == Device(planned=True)
 
 
 def test_training_on_a_card_is_forecast_and_learned_for_each_card(tmp_path: Path) -> None:

@@ -13,7 +13,9 @@ import torch
 from numba import njit
 
 from engine.quality.stability.table import run_case, select_cases
-from engine.rasterizer import adam, blend_backward, blend_forward, cpu, loss
+from engine.rasterizer import blend_backward, blend_forward, cpu
+from engine.training import adam
+from engine.training.losses import photometric
 
 
 def is_green(case: str) -> bool:
@@ -103,13 +105,13 @@ def test_a_missing_check_of_the_input_is_found(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_loss_without_gradient_at_a_border_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = loss.difference_gradient
+    original = photometric.difference_gradient
 
     def run(*arguments: Any) -> None:
         original(*arguments)
         arguments[-1][:3] = 0.0
 
-    monkeypatch.setattr(loss, "difference_gradient", run)
+    monkeypatch.setattr(photometric, "difference_gradient", run)
     assert not is_green("loss_noise")
 
 

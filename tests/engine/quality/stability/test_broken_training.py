@@ -11,9 +11,9 @@ import torch
 from engine.quality.stability import training_measure, training_scenes
 from engine.quality.stability.table import run_case, select_cases
 from engine.quality.stability.training_table import TrainingRow
-from engine.rasterizer.adam import AdamState
 from engine.training import checkpoint, cpu_steps, densify, guards, initialise, views
 from engine.training import loop as train
+from engine.training.adam import AdamState
 from engine.training.schedule import Schedule
 
 pytestmark = pytest.mark.usefixtures("training_rows")

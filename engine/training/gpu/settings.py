@@ -1,0 +1,84 @@
+"""Settings of training steps on a graphics card. Standard library only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...core.settings import require
+from ...rasterizer.settings import RasterSettings
+
+__all__ = ["StepLimits", "StepSettings"]
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """Ranges that Gaussians are kept in after each training step on a graphics card.
+
+    Attributes
+    ----------
+    center : tuple of 3 float
+        Centre of the cube that the means stay in, world units.
+    max_distance : float
+        Half of its side, world units.
+    min_scale, max_scale : float
+        World units.
+    max_aspect : float
+        Largest ratio of the longest to the shortest scale.
+    max_logit : float
+        Largest absolute opacity logit.
+    """
+
+    center: tuple[float, float, float]
+    max_distance: float
+    min_scale: float
+    max_scale: float
+    max_aspect: float
+    max_logit: float
+
+    def __post_init__(self) -> None:
+        for name in ("max_distance", "min_scale", "max_scale", "max_logit"):
+            require(self, name, getattr(self, name) > 0.0, "above 0")
+        require(self, "max_aspect", self.max_aspect >= 1.0, "at least 1")
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """What is the same in all training steps on a graphics card.
+
+    Attributes
+    ----------
+    lambda_dssim : float
+        Weight of 1 - SSIM in the loss, 0 to 1; that of the mean |x - y| is 1 - lambda_dssim.
+    lambda_exposure : float
+        Weight of the sum of the squares of a photo's exposure.
+    lambda_scale : float
+        Weight of the mean scale in world units.
+    limits : StepLimits, optional
+        Applied after each step. Without them, quats are not normalised either.
+    beta1, beta2, eps : float
+        See `engine.training.adam_step`.
+    unit_features : bool
+        Whether features are divided by their length before they are blended.
+    detached_features : bool
+        Whether the gradient of blended features changes no Gaussian.
+    raster : RasterSettings
+    """
+
+    lambda_dssim: float = 0.2
+    lambda_exposure: float = 0.0
+    lambda_scale: float = 0.0
+    limits: StepLimits | None = None
+    beta1: float = 0.9
+    beta2: float = 0.999
+    eps: float = 1e-15
+    unit_features: bool = False
+    detached_features: bool = False
+    raster: RasterSettings = RasterSettings()
+
+    def __post_init__(self) -> None:
+        require(self, "lambda_dssim", 0.0 <= self.lambda_dssim <= 1.0, "between 0 and 1")
+        for name in ("lambda_exposure", "lambda_scale"):
+            require(self, name, getattr(self, name) >= 0.0, "at least 0")
+        require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
+        require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")
+        require(self, "eps", self.eps > 0.0, "above 0")
