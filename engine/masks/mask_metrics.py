@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arrays import Mask
-from ..pictures.settings import INSTANCE_COSINE
 from . import mask_iou
+from .settings import INSTANCE_COSINE
 
 __all__ = ["boundary", "boundary_iou", "feature_agreement", "halo", "holes", "iou", "stray"]
 

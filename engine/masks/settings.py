@@ -7,10 +7,13 @@ from typing import Literal
 
 from ..core.settings import require
 
-__all__ = ["EMBEDDING_BYTES", "MAX_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
+__all__ = ["EMBEDDING_BYTES", "INSTANCE_COSINE", "MAX_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
 
 EMBEDDING_BYTES = 2 * 256 * 64 * 64
 """Size on disk of the embedding of one photo in bytes, in half precision."""
+
+INSTANCE_COSINE = 0.7
+"""Smallest cosine between the features of one instance (Dahaghin et al. 2024)."""
 
 MAX_EMBEDDINGS = 64
 """Largest number of embeddings stored per project, 134 MB together. Further photos are encoded again when needed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..core.settings import require
-from ..pictures.settings import INSTANCE_COSINE
+from ..masks.settings import INSTANCE_COSINE
 
 __all__ = [
     "BETTER", "DEFAULT_PRESET", "DEFAULT_THRESHOLD", "PAPER", "PRESETS", "RELEASED", "SURE_SCORE",

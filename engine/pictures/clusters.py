@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arrays import Float32
+from ..masks.settings import INSTANCE_COSINE
 from .scene import normalized
-from .settings import INSTANCE_COSINE
 
 __all__ = ["cluster_colors", "find_clusters", "principal_colors"]
 

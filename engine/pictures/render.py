@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from ..core.arrays import Float32
 from ..core.errors import ObjectError, SettingsError
+from ..masks.settings import INSTANCE_COSINE
 from ..scene import Camera, Gaussians, PinholeCamera
 from .clusters import cluster_colors, find_clusters, principal_colors
 from .png import write_png
 from .scene import Backend, Scene, normalized
-from .settings import INSTANCE_COSINE, VISIBLE_SHARE
+from .settings import VISIBLE_SHARE
 
 __all__ = [
     "DEPTH_STEPS_PER_UNIT",

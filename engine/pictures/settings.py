@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["INSTANCE_COSINE", "VISIBLE_SHARE"]
-
-INSTANCE_COSINE = 0.7
-"""Smallest cosine between the features of one instance (Dahaghin et al. 2024)."""
+__all__ = ["VISIBLE_SHARE"]
 
 VISIBLE_SHARE = 0.5
 """Share of a pixel above which a set of Gaussians is what the pixel shows: no other set can contribute as much."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.arrays import Float32
 from ...masks import mask_iou
-from ...pictures.settings import INSTANCE_COSINE
+from ...masks.settings import INSTANCE_COSINE
 from ...rasterizer import rasterize
 from ...scene import Gaussians
 from ...training import TrainingView, initial_features
