@@ -43,7 +43,7 @@ def lens_problem(lens: Lens) -> str | None:
 
     Its model must be known and have this number of parameters, all finite, with focal lengths above 0.
     """
-    count = _N_PARAMETERS.get(lens.model)
+    count = _MODELS[lens.model][1] if lens.model in _MODELS else None
     if count is None:
         return f"the lens model {reprlib.repr(lens.model)} is not known"
     if len(lens.params) != count:
@@ -80,7 +80,7 @@ def photo_pixels(camera: Camera, directions: Float64) -> Float64:
     CameraError
         When the lens model is unknown.
     """
-    if camera.model not in _DISTORTIONS:
+    if camera.model not in _MODELS:
         raise CameraError(f"The lens model {camera.model} of {camera.photo} is not known here. Type the pixel instead.")
     return lens_pixels(camera.lens, directions)
 
@@ -101,7 +101,7 @@ def _project(lens: Lens, directions: Float64) -> Float64:
     directions = np.asarray(directions, np.float64)
     # Far outside the photo a model may divide by zero or have no real root.
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        x, y = _DISTORTIONS[lens.model](directions[..., 0], directions[..., 1], distortion)
+        x, y = _MODELS[lens.model][0](directions[..., 0], directions[..., 1], distortion)
     return np.stack([fx * x + cx, fy * y + cy], axis=-1)
 
 
@@ -229,42 +229,23 @@ def _eucm(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]
     return u / denominator, v / denominator
 
 
-_DISTORTIONS: dict[str, _Distortion] = {
-    "SIMPLE_PINHOLE": _without_distortion,
-    "PINHOLE": _without_distortion,
-    "SIMPLE_RADIAL": _simple_radial,
-    "RADIAL": _radial,
-    "OPENCV": _opencv,
-    "FULL_OPENCV": _full_opencv,
-    "SIMPLE_FISHEYE": _fisheye,
-    "FISHEYE": _fisheye,
-    "SIMPLE_RADIAL_FISHEYE": _fisheye,
-    "RADIAL_FISHEYE": _fisheye,
-    "OPENCV_FISHEYE": _fisheye,
-    "THIN_PRISM_FISHEYE": _thin_prism_fisheye,
-    "RAD_TAN_THIN_PRISM_FISHEYE": _rad_tan_thin_prism_fisheye,
-    "FOV": _fov,
-    "SIMPLE_DIVISION": _division,
-    "DIVISION": _division,
-    "EUCM": _eucm,
+_MODELS: dict[str, tuple[_Distortion, int]] = {
+    "SIMPLE_PINHOLE": (_without_distortion, 3),
+    "PINHOLE": (_without_distortion, 4),
+    "SIMPLE_RADIAL": (_simple_radial, 4),
+    "RADIAL": (_radial, 5),
+    "OPENCV": (_opencv, 8),
+    "FULL_OPENCV": (_full_opencv, 12),
+    "SIMPLE_FISHEYE": (_fisheye, 3),
+    "FISHEYE": (_fisheye, 4),
+    "SIMPLE_RADIAL_FISHEYE": (_fisheye, 4),
+    "RADIAL_FISHEYE": (_fisheye, 5),
+    "OPENCV_FISHEYE": (_fisheye, 8),
+    "THIN_PRISM_FISHEYE": (_thin_prism_fisheye, 12),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (_rad_tan_thin_prism_fisheye, 16),
+    "FOV": (_fov, 5),
+    "SIMPLE_DIVISION": (_division, 4),
+    "DIVISION": (_division, 5),
+    "EUCM": (_eucm, 6),
 }
-_N_PARAMETERS = {
-    "SIMPLE_PINHOLE": 3,
-    "PINHOLE": 4,
-    "SIMPLE_RADIAL": 4,
-    "RADIAL": 5,
-    "OPENCV": 8,
-    "FULL_OPENCV": 12,
-    "SIMPLE_FISHEYE": 3,
-    "FISHEYE": 4,
-    "SIMPLE_RADIAL_FISHEYE": 4,
-    "RADIAL_FISHEYE": 5,
-    "OPENCV_FISHEYE": 8,
-    "THIN_PRISM_FISHEYE": 12,
-    "RAD_TAN_THIN_PRISM_FISHEYE": 16,
-    "FOV": 5,
-    "SIMPLE_DIVISION": 4,
-    "DIVISION": 5,
-    "EUCM": 6,
-}
-"""Number of parameters of each model, focal lengths and principal point included."""
+"""The distortion of each model, and its number of parameters, focal lengths and principal point included."""

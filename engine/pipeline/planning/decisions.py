@@ -21,7 +21,7 @@ from ...photos import PhotoStatistics
 from ...rasterizer import Wanted
 from ...scene import CameraSet, Photo, PhotoSet
 from ...training import settings_with_sizes
-from ...training.settings import MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
+from ...training.settings import DEFAULT_PRESET, MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
 from .training_device import ON_PROCESSOR, DeviceChoice, TrainingDevice
 
 __all__ = [
@@ -75,7 +75,7 @@ class PlanSettings:
         photos, features with their loss in every step, and all bands of colour without a trial.
     """
 
-    preset: str = "standard"  # by definition
+    preset: str = DEFAULT_PRESET
     device: Wanted = "auto"  # by definition
     max_gaussians: int | None = None  # by definition
     max_side: int | None = None  # by definition

@@ -41,7 +41,7 @@ def camera_of(model: str, params: tuple[float, ...] | None = None) -> Camera:
 
 def test_every_model_is_compared() -> None:
     known = set(pycolmap.CameraModelId.__members__) - {"INVALID", "EQUIRECTANGULAR"}
-    assert known <= set(PARAMETERS) and set(lens._DISTORTIONS) == set(PARAMETERS)
+    assert known <= set(PARAMETERS) and set(lens._MODELS) == set(PARAMETERS)
 
 
 def colmap_pixels(camera: Camera, directions: NDArray[np.float64]) -> NDArray[np.float64]:
