@@ -1,90 +1,25 @@
-"""The operators: one module per action of the user."""
+"""The operators: one module per action of the user. A module with a list CLASSES is found and registered by itself."""
+
+import importlib
+import pkgutil
 
 import bpy
 
+from ..engine.formats import READ_SUFFIXES
 from ..gaussian_heritage_addon.blender import guards
-from . import (
-    accept_candidate,
-    cancel_job,
-    check_engine,
-    check_models,
-    click_object,
-    continue_job,
-    copy_as_native,
-    dismiss_candidates,
-    drop_job,
-    edit_objects,
-    edit_region,
-    export_objects,
-    fetch_model,
-    find_objects,
-    import_photos,
-    import_ply,
-    improve_scene,
-    isolate,
-    isolate_background,
-    look_through_photo,
-    measure_scene,
-    menus,
-    open_project,
-    open_result,
-    pick_object,
-    refine_object,
-    remove_default_objects,
-    remove_engine,
-    render_settings,
-    select_object,
-    select_splats,
-    set_up_engine,
-    shortcuts,
-    show_project,
-    solo_object,
-)
+from ..gaussian_heritage_addon.language.translations import translated
+from . import menus, shortcuts
 
 __all__ = ["CLASSES", "register", "unregister"]
 
-_MODULES = (
-    import_photos,
-    import_ply,
-    open_project,
-    improve_scene,
-    isolate,
-    click_object,
-    pick_object,
-    find_objects,
-    isolate_background,
-    accept_candidate,
-    dismiss_candidates,
-    select_object,
-    refine_object,
-    select_splats,
-    edit_region,
-    edit_objects,
-    measure_scene,
-    export_objects,
-    look_through_photo,
-    set_up_engine,
-    check_engine,
-    remove_engine,
-    check_models,
-    fetch_model,
-    cancel_job,
-    continue_job,
-    drop_job,
-    open_result,
-    show_project,
-    remove_default_objects,
-    solo_object,
-    copy_as_native,
-    render_settings,
-    menus,
-)
-CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
+_MODULES = [importlib.import_module(f".{found.name}", __name__) for found in pkgutil.iter_modules(__path__)]
+CLASSES = [cls for module in _MODULES for cls in getattr(module, "CLASSES", ())]
 
 
 def _import_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     menu.layout.operator("heritage.import_photo_folder", text="Photo Folder as Gaussian Scene")
-    menu.layout.operator("heritage.import_gaussian_ply", text="Gaussian Scene (.ply/.spz/.sog/.splat/.ksplat/.glb)")
+    suffixes = "/".join(suffix for suffix in READ_SUFFIXES if suffix != ".json")
+    menu.layout.operator("heritage.import_gaussian_ply", text=translated("Gaussian Scene ({})", suffixes))
     menu.layout.operator("heritage.open_project", text="Gaussian Heritage Project")
 
 

@@ -31,27 +31,16 @@ __all__ = ["CLASSES"]
 
 _MAX_NAMES = 12
 """Names of objects that are shown."""
-_FORMATS = [
-    (
-        "GLB",
-        "GLB",
-        "Recommended: binary glTF with KHR_gaussian_splatting and the record, upright in every program",
-        "",
-        0,
-    ),
-    ("PLY", "PLY", "Standard file of 3D Gaussian splatting, -Y up as its viewers expect", "", 1),
-    ("SPZ", "SPZ", "Compressed to a sixth of the size, with some loss and without a record", "", 2),
-    ("SOG", "SOG", "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect", "", 3),
-    ("USD", "USD", "OpenUSD 26.03 or newer, ParticleField3DGaussianSplat, Z up", "", 4),
-]
-_FORMATS_WITHOUT_USD = _FORMATS[:-1]
+_ITEMS = [(one.name.upper(), one.label, one.description, "", number) for number, one in enumerate(FORMATS)]
+_ITEMS_WITHOUT_USD = [item for item, one in zip(_ITEMS, FORMATS, strict=True) if not one.needs_openusd]
+_SUFFIXES = tuple(one.suffixes[0] for one in FORMATS)
 
 
 def _format_items(
     operator: bpy.types.Operator, context: bpy.types.Context | None
 ) -> list[tuple[str, str, str, str, int]]:
     """Return the formats that can be written. Blender needs lists that live as long as it shows them."""
-    return _FORMATS if "usd" in export_formats() else _FORMATS_WITHOUT_USD
+    return _ITEMS if len(export_formats()) == len(_ITEMS) else _ITEMS_WITHOUT_USD
 
 
 _WITH_RECORD = BoolProperty(
@@ -185,8 +174,10 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
     bl_label = "Export Gaussian Splats"
     bl_options = {"PRESET"}
 
-    filename_ext = ".glb"
-    filter_glob: Annotated[str, StringProperty(default=";".join(f"*.{name}" for name in FORMATS), options={"HIDDEN"})]
+    filename_ext = _SUFFIXES[0]
+    filter_glob: Annotated[
+        str, StringProperty(default=";".join(f"*{suffix}" for suffix in _SUFFIXES), options={"HIDDEN"})
+    ]
     # The name that Blender gives to the collection whose exporter this is.
     collection: Annotated[str, StringProperty(name="Collection", options={"HIDDEN"})]
     with_record: Annotated[bool, _WITH_RECORD]
@@ -199,7 +190,7 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the file."""
         file = Path(bpy.path.abspath(self.filepath))
-        file = file if file.suffix else file.with_suffix(".glb")
+        file = file if file.suffix else file.with_suffix(self.filename_ext)
         objects = self._objects(context)
         export_together(objects, file, ExportOptions(self.with_record, self.with_far))
         self.report({"INFO"}, f"Wrote {len(objects)} objects to {file.name}.")
@@ -221,7 +212,7 @@ class HERITAGE_FH_export_splats(bpy.types.FileHandler):
     bl_idname = "HERITAGE_FH_export_splats"
     bl_label = "Gaussian Splats"
     bl_export_operator = "heritage.export_splats"
-    bl_file_extensions = ".glb;.ply;.spz;.sog;.usd"
+    bl_file_extensions = ";".join(_SUFFIXES)
 
 
 CLASSES = [HERITAGE_OT_export_objects, HERITAGE_OT_export_splats, HERITAGE_FH_export_splats]

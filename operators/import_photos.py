@@ -14,7 +14,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from ..engine.core.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project.content import default_project_folder
-from ..engine.training.settings import PRESET_LIST
+from ..engine.training.settings import DEFAULT_PRESET, PRESET_LIST
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.panels.preset_choice import PHOTO_SUFFIXES, draw_presets
@@ -109,8 +109,8 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             name="Preset",
             description="How much work is done, and how good the scene becomes",
             # All that the engine has, for scripts. Only those that are offered are drawn.
-            items=[(one.name, one.name.capitalize(), one.description if one.offered else "") for one in PRESET_LIST],
-            default="standard",
+            items=[(one.name, one.label, one.description if one.offered else "") for one in PRESET_LIST],
+            default=DEFAULT_PRESET,
         ),
     ]
     filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]

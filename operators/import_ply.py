@@ -19,11 +19,13 @@ from .dropped_files import DroppedIntoView
 __all__ = ["CLASSES"]
 
 _DIALOG_WIDTH = 450
+_NOT_DROPPED = (".glb", ".json")
+"""Blender itself takes a dropped GLB, and most JSON files have no Gaussians."""
 
 
 @blender_properties
 class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
-    """Import a Gaussian scene from a PLY, SPZ, SOG, SPLAT, KSPLAT or GLB file, as written by any splatting program"""
+    """Import a Gaussian scene from a file of any splatting program"""
 
     bl_idname = "heritage.import_gaussian_ply"
     bl_label = "Import Gaussian Scene"
@@ -92,12 +94,12 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
 
 
 class HERITAGE_FH_gaussian_ply(DroppedIntoView, bpy.types.FileHandler):
-    """Imports a file of Gaussians that is dropped into the viewport. Blender itself takes a dropped GLB."""
+    """Imports a file of Gaussians that is dropped into the viewport."""
 
     bl_idname = "HERITAGE_FH_gaussian_ply"
     bl_label = "Gaussian Scene"
     bl_import_operator = "heritage.import_gaussian_ply"
-    bl_file_extensions = ".ply;.spz;.sog;.splat;.ksplat"
+    bl_file_extensions = ";".join(suffix for suffix in READ_SUFFIXES if suffix not in _NOT_DROPPED)
 
 
 CLASSES = [HERITAGE_OT_import_gaussian_ply, HERITAGE_FH_gaussian_ply]

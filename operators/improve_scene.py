@@ -39,7 +39,7 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
             description="How much work is done, and how good the scene becomes",
             items=[
                 ("NEXT", "Next Better", "The preset after that of the scene"),
-                *((one.name, one.name.capitalize(), one.description if one.offered else "") for one in PRESET_LIST),
+                *((one.name, one.label, one.description if one.offered else "") for one in PRESET_LIST),
             ],
             options={"SKIP_SAVE"},
         ),

@@ -1,31 +1,29 @@
 """List the texts of the user interface in Blender, and those that have no translation yet.
 
-example: python scripts/extract_texts.py --language german
+example: python scripts/extract_texts.py --language de
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("gaussian_heritage_addon", "operators")
-PRESETS = ROOT / "engine" / "training" / "settings.py"
+OFFERED = (ROOT / "engine" / "training" / "settings.py", ROOT / "engine" / "formats" / "table.py")
 """Here the engine describes what a curator chooses from."""
-LANGUAGES = {
-    "german": (
-        ROOT / "gaussian_heritage_addon" / "language" / "german.py",
-        ROOT / "gaussian_heritage_addon" / "language" / "german_tooltips.py",
-    )
-}
+LANGUAGES = {file.stem: file for file in (ROOT / "gaussian_heritage_addon" / "language").glob("*.json")}
 _SHOWN = ("text", "title", "confirm_text", "placeholder")
 """Arguments of layouts and dialogs that Blender translates."""
 _PARTS_OF_AN_ITEM = 5
-_TRANSLATING = {"translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1}
+_TRANSLATING = {"translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1, "Format": 1}
 """Functions whose text at this position among their arguments is translated."""
+_DESCRIPTION = 4
+"""Position of the description of a format."""
 
 
 def texts_of(source: str) -> Iterator[tuple[str, str]]:
@@ -38,11 +36,15 @@ def texts_of(source: str) -> Iterator[tuple[str, str]]:
         elif isinstance(node, ast.Call):
             called = node.func.id if isinstance(node.func, ast.Name) else ""
             is_offered = all(keyword.arg != "offered" for keyword in node.keywords)
+            # A format without a writer is not in Blender's menus.
+            is_offered = is_offered and (called != "Format" or len(node.args) > _DESCRIPTION + 1)
             if called in _TRANSLATING and len(node.args) > _TRANSLATING[called] and is_offered:
                 yield from _constant("label", node.args[_TRANSLATING[called]])
                 if called == "TrainingPreset":
                     # Its name is the label of the choice.
                     yield from ((kind, text.capitalize()) for kind, text in _constant("label", node.args[0]))
+                elif called == "Format":
+                    yield from _constant("tooltip", node.args[_DESCRIPTION])
             is_property = called.endswith("Property")
             for keyword in node.keywords:
                 if is_property and keyword.arg in ("name", "description"):
@@ -92,41 +94,33 @@ def _constant(kind: str, node: ast.expr) -> Iterator[tuple[str, str]]:
 def all_texts() -> dict[str, str]:
     """Return all texts of the add-on, with their kinds."""
     found: dict[str, str] = {}
-    for file in [PRESETS, *(file for folder in FOLDERS for file in sorted((ROOT / folder).glob("*.py")))]:
+    for file in [*OFFERED, *(file for folder in FOLDERS for file in sorted((ROOT / folder).glob("*.py")))]:
         for kind, text in texts_of(file.read_text(encoding="utf-8")):
             found.setdefault(text, kind)
     return found
 
 
-def translated(files: Sequence[Path]) -> dict[str, str]:
-    """Return the texts of the modules of a language."""
-    return {text: own for file in files for text, own in _texts_in(file).items()}
-
-
-def _texts_in(file: Path) -> dict[str, str]:
-    for node in ast.parse(file.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == "TEXTS":
-            assert node.value is not None
-            texts: dict[str, str] = ast.literal_eval(node.value)
-            return texts
-    raise ValueError(f"{file} has no TEXTS")
+def translated(file: Path) -> dict[str, str]:
+    """Return the texts of a language."""
+    texts: dict[str, str] = json.loads(file.read_text(encoding="utf-8"))["texts"]
+    return texts
 
 
 def main() -> int:
-    """Print the texts as lines of Python, those without a translation first, and how many there are."""
+    """Print the texts as lines of the language's file, those without a translation first, and how many there are."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--language", choices=sorted(LANGUAGES), default="german")
+    parser.add_argument("--language", choices=sorted(LANGUAGES), default="de")
     options = parser.parse_args()
     known, texts = translated(LANGUAGES[options.language]), all_texts()
     for kind in ("label", "tooltip"):
         missing = sorted(text for text, its_kind in texts.items() if its_kind == kind and text not in known)
         print(f"# {kind}s without a translation: {len(missing)}")
         for text in missing:
-            print(f"    {text!r}: {''!r},")
+            print(f'  {json.dumps(text, ensure_ascii=False)}: "",')
     stale = sorted(set(known) - set(texts))
     print(f"# translated texts that are not used any more: {len(stale)}")
     for text in stale:
-        print(f"    {text!r}")
+        print(f"  {json.dumps(text, ensure_ascii=False)}")
     return 0
 
 

@@ -14,6 +14,7 @@ from .sog_writing import EncodePicture, write_sog
 from .spherical_harmonics import SH_C0
 from .splat import read_splat
 from .spz import read_spz, write_spz
+from .table import DEFAULT_FORMAT, FORMATS, FileFacts, Format, WritingTools, format_of, write_scene
 from .transform import logits_of, rotations_from_quats, transform_gaussians, unit_quats
 from .usd import has_openusd, write_usd
 from .usd_elsewhere import write_usd_elsewhere
@@ -21,13 +22,19 @@ from .usd_reading import read_usd
 
 __all__ = [
     "ANTIALIASED_NOTE",
+    "DEFAULT_FORMAT",
+    "FORMATS",
     "READ_SUFFIXES",
     "SH_C0",
     "DecodePicture",
     "EncodePicture",
+    "FileFacts",
+    "Format",
     "PlyFile",
     "Up",
+    "WritingTools",
     "file_from_z_up",
+    "format_of",
     "has_openusd",
     "kind_of",
     "logits_of",
@@ -46,6 +53,7 @@ __all__ = [
     "unit_quats",
     "write_glb",
     "write_ply",
+    "write_scene",
     "write_sog",
     "write_spz",
     "write_usd",

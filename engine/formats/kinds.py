@@ -11,43 +11,40 @@ from ..core.errors import FormatError
 from ..core.files import opened
 from ..scene import Gaussians
 from .axes import Up
-from .glb import read_glb
-from .ksplat import read_ksplat
-from .sog import DecodePicture, read_sog
-from .splat import read_splat
-from .spz import read_spz
+from .sog import DecodePicture
+from .table import FORMATS, format_of
 
 __all__ = ["READ_SUFFIXES", "kind_of", "read_other"]
 
-_BY_START = {b"ply": "ply", b"glTF": "glb", b"\x1f\x8b": "spz", b"NGSP": "spz", b"PK": "sog", b"{": "sog"}
-"""The first bytes of files. KSPLAT and SPLAT have none that are sure, and go by their names."""
-_BY_NAME = {".splat": "splat", ".ksplat": "ksplat"}
-READ_SUFFIXES = (".ply", ".spz", ".glb", ".sog", ".json", ".splat", ".ksplat")
-"""Ends of the names of files that `kind_of` may recognise; ``.json`` is the description of a SOG that is not zipped."""
+_READ = tuple(one for one in FORMATS if one.read is not None)
+READ_SUFFIXES = tuple(suffix for one in _READ for suffix in (*one.suffixes, *one.read_suffixes))
+"""Ends of the names of files that `kind_of` may recognise."""
 
 
 def kind_of(path: Path) -> str:
-    """Return which format a file has, by its content: ``ply``, ``spz``, ``glb``, ``sog``, ``splat`` or ``ksplat``.
+    """Return the name of the format of a file, by its content or, where that is not sure, by its name.
 
     Raises
     ------
     FormatError
-        When it cannot be read or has none of these formats.
+        When it cannot be read or has none of the formats that are read.
     """
     with opened(path, advice="Check the path and its permissions.") as stream:
         start = stream.read(4)
-    kind = next((kind for first, kind in _BY_START.items() if start.startswith(first)), None)
-    kind = kind or _BY_NAME.get(path.suffix.lower())
-    # What is empty or damaged is named by its reader.
     suffix = path.suffix.lower()
-    kind = kind or (suffix[1:] if suffix in READ_SUFFIXES and suffix != ".json" else None)
-    if kind is None:
-        raise FormatError(f"{path} is none of PLY, SPZ, GLB, SOG, SPLAT and KSPLAT. Export it as one of these.")
-    return kind
+    for kind in _READ:
+        if any(start.startswith(first) for first in kind.starts):
+            return kind.name
+    # What is empty or damaged is named by its reader.
+    for kind in _READ:
+        if suffix in kind.suffixes:
+            return kind.name
+    *names, last = (kind.label for kind in _READ)
+    raise FormatError(f"{path} is none of {', '.join(names)} and {last}. Export it as one of these.")
 
 
 def read_other(path: Path, kind: str, decode: DecodePicture, *, up: Up | None = None) -> Gaussians:
-    """Return the Gaussians of a file that is no PLY, in the engine's world (Z up).
+    """Return the Gaussians of a file, in the engine's world (Z up).
 
     Parameters
     ----------
@@ -65,8 +62,7 @@ def read_other(path: Path, kind: str, decode: DecodePicture, *, up: Up | None = 
     HeritageError
         See the readers.
     """
-    if kind == "glb":
-        return read_glb(path)
-    if kind == "sog":
-        return read_sog(path, decode, up=up)
-    return {"spz": read_spz, "splat": read_splat, "ksplat": read_ksplat}[kind](path, up=up)
+    read = format_of(kind).read
+    if read is None:
+        raise FormatError(f"{path} is {format_of(kind).label}, which is not read here. Export it in another format.")
+    return read(path, decode, up)

@@ -34,6 +34,7 @@ def write_usd_elsewhere(
     metres_per_unit: float | None = None,
     custom_data: Mapping[str, Any] | None = None,
     matrix: NDArray[np.float64] | None = None,
+    seen: NDArray[np.integer] | None = None,
 ) -> None:
     """Write `gaussians` as USD by `python`, which has OpenUSD; see `write_usd` for the other parameters.
 
@@ -53,6 +54,7 @@ def write_usd_elsewhere(
             "metres_per_unit": metres_per_unit,
             "custom_data": None if custom_data is None else dict(custom_data),
             "matrix": None if matrix is None else matrix.tolist(),
+            "seen": None if seen is None else seen.tolist(),
         }
         try:
             run_in_child(
@@ -74,6 +76,7 @@ def usd_from_ply(
     metres_per_unit: float | None,
     custom_data: dict[str, Any] | None,
     matrix: list[list[float]] | None,
+    seen: list[int] | None,
 ) -> None:
     """Write the Gaussians of the PLY file `source` as the USD file `target`; `write_usd_elsewhere` calls it."""
     write_usd(
@@ -83,4 +86,5 @@ def usd_from_ply(
         metres_per_unit=metres_per_unit,
         custom_data=custom_data,
         matrix=None if matrix is None else np.array(matrix),
+        seen=None if seen is None else np.array(seen),
     )

@@ -16,7 +16,7 @@ from ..core.files import check, optional
 from ..core.words import join_texts
 from ..project.content import list_objects
 from ..project.folder import PROJECT_FILE, ProjectFolder
-from ..training.settings import PRESET_LIST
+from ..training.settings import OFFERED_PRESETS
 
 __all__ = ["ReconstructionInput", "better_preset", "read_input", "repeat_arguments", "store_input", "texts_of_objects"]
 
@@ -97,7 +97,7 @@ def better_preset(project: Path) -> str:
         changed = (project / PROJECT_FILE).stat().st_mtime_ns
     except (OSError, ValueError):  # ValueError: a null character in the path
         return ""
-    offered = [preset.name for preset in PRESET_LIST if preset.offered]
+    offered = [preset.name for preset in OFFERED_PRESETS]
     present = _trained_preset(project, changed)
     return offered[offered.index(present) + 1] if present in offered[:-1] else ""
 

@@ -5,26 +5,24 @@ from __future__ import annotations
 import hashlib
 import re
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from ..core.files import delete_derived, object_file
 from ..core.visible_text import visible
+from ..formats import FORMATS
 from ..project.content import scene_file
 from ..project.objects import MUSEUM_RECORD_FILE, RECORD_FILE
 from .engine_call import call_engine
 from .library import NotFound, WebProject
 
-__all__ = ["MEDIA_TYPES", "DownloadFormat", "download_name", "export", "export_path"]
+__all__ = ["DOWNLOADS", "DownloadFormat", "download_name", "export", "export_path"]
 
-DownloadFormat = Literal["ply", "glb", "sog", "spz", "usd", "html"]
-MEDIA_TYPES: dict[DownloadFormat, str] = {
-    "ply": "application/octet-stream",
-    "glb": "model/gltf-binary",
-    "sog": "application/zip",
-    "spz": "application/octet-stream",
-    "usd": "model/vnd.usd",
-    "html": "text/html",
-}
+DOWNLOADS = tuple(one for one in FORMATS if one.write is not None or one.is_page)
+"""The formats in which the scene and objects can be had."""
+if TYPE_CHECKING:
+    DownloadFormat = str
+else:
+    DownloadFormat = Literal[tuple(one.name for one in DOWNLOADS)]
 _UNSAFE = re.compile(r"[^\w.() -]+")
 _MAX_NAME = 100
 

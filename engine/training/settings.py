@@ -17,7 +17,9 @@ from ..rasterizer.settings import Backend
 from .setting_checks import require_at_least, require_choice, require_factor, require_fraction, require_positive
 
 __all__ = [
+    "DEFAULT_PRESET",
     "MIN_PHOTOS_TO_CHOOSE",
+    "OFFERED_PRESETS",
     "PAPER_PIXELS",
     "PRESETS",
     "PRESET_LIST",
@@ -446,22 +448,17 @@ class TrainingSettings:
 
 @dataclass(frozen=True)
 class TrainingPreset:
-    """Settings with a name.
-
-    Attributes
-    ----------
-    name : str
-    description : str
-        One sentence that says what the preset is for.
-    settings : TrainingSettings
-    offered : bool
-        Whether Blender offers it. The others are for tests and comparisons.
-    """
+    """Settings with a name and a sentence that says what they are for. What is not `offered` is for comparisons."""
 
     name: str
     description: str
     settings: TrainingSettings
     offered: bool = True
+
+    @property
+    def label(self) -> str:
+        """Return the name as a label."""
+        return self.name.capitalize()
 
 
 _STANDARD = TrainingSettings()
@@ -484,9 +481,9 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
             grow_factor=1.3,  # chosen on museum_room, sakharov_statue32, meeting_place9
         ),
     ),
-    TrainingPreset("standard", "A few minutes of training on two cores.", _STANDARD),
+    TrainingPreset("standard", "Right for most objects: a few minutes of training on two cores.", _STANDARD),
     TrainingPreset(
-        "best", "An hour of training on two cores, with more Gaussians and larger pictures.",
+        "best", "The finest detail: an hour of training on two cores, with more Gaussians and larger pictures.",
         _STANDARD.changed(
             steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2,  # chosen on museum_room
             sh_interval=4000, grow_interval=100, lr_means_end=4e-6, lr_end=0.1,  # chosen on museum_room
@@ -494,9 +491,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         ),
     ),
     TrainingPreset(
-        "paper",
-        "The published losses and learning rates (Dahaghin et al. 2024) with a fixed number of Gaussians "
-        "(Kheradmand et al. 2024), for comparisons.",
+        "paper", "The published losses (Dahaghin et al. 2024) and growth (Kheradmand et al. 2024), for comparisons.",
         _STANDARD.changed(
             steps=30_000, start_opacity=0.1, sh_degree=3, sh_interval=1000,  # Kerbl et al. 2023
             lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001,  # Kerbl et al. 2023
@@ -514,7 +509,9 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         offered=False,
     ),
 )  # fmt: skip
-"""All presets, from the fastest to the slowest. The command line, Blender and the documentation read this list."""
+"""All presets, from the fastest to the slowest. Command line, Blender, server and its page read this list alone."""
+OFFERED_PRESETS = tuple(preset for preset in PRESET_LIST if preset.offered)
+DEFAULT_PRESET = "standard"
 
 PRESETS: dict[str, TrainingSettings] = {preset.name: preset.settings for preset in PRESET_LIST}
 """The settings of the presets by name."""

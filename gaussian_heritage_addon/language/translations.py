@@ -1,16 +1,22 @@
-"""Translations of the user interface. Blender looks its texts up in the language of its preferences."""
+"""Translations of the user interface. Blender looks its texts up in the language of its preferences.
+
+Each JSON file of this folder is a language: the names that Blender's versions have for it, and its texts, labels
+and tooltips alike, by the English ones. ``scripts/extract_texts.py`` lists what is missing or not used any more.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
-from . import german, german_tooltips
+from ...engine.core.files import read_json
 
-__all__ = ["register", "translated", "unregister"]
+__all__ = ["LANGUAGES", "register", "texts_of", "translated", "unregister"]
 
+LANGUAGES = sorted(Path(__file__).parent.glob("*.json"))
+_SCHEMA = {"locales": [str], "texts": {str: str}}
 _NAME = __package__ or __name__
-_LOCALES = ("de", "de_DE")
-"""Names of German in different versions of Blender."""
 _CONTEXTS = ("*", "Operator")
 """Contexts in which Blender looks up labels; those of operators have one of their own."""
 
@@ -24,11 +30,26 @@ def translated(text: str, *values: object) -> str:
     return found.format(*values) if values else found
 
 
+def texts_of(language: Path) -> tuple[list[str], dict[str, str]]:
+    """Return Blender's names of a language, and its texts by the English ones, as a file of `LANGUAGES` has them.
+
+    Raises
+    ------
+    FormatError
+        When the file is damaged.
+    """
+    stored = read_json(language, _SCHEMA, advice="Install the extension again.")
+    return stored["locales"], stored["texts"]
+
+
 def register() -> None:
     """Give Blender the translations."""
-    every = german.TEXTS | german_tooltips.TEXTS
-    texts = {(context, text): own for text, own in every.items() for context in _CONTEXTS}
-    bpy.app.translations.register(_NAME, dict.fromkeys(_LOCALES, texts))
+    given: dict[str, dict[tuple[str, str], str]] = {}
+    for language in LANGUAGES:
+        locales, texts = texts_of(language)
+        own = {(context, text): one for text, one in texts.items() for context in _CONTEXTS}
+        given |= dict.fromkeys(locales, own)
+    bpy.app.translations.register(_NAME, given)
 
 
 def unregister() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ...engine.photos.settings import VIDEO_SUFFIXES
-from ...engine.training.settings import PRESET_LIST
+from ...engine.training.settings import OFFERED_PRESETS
 from ...engine.workers.jobs import format_seconds
 from ..blender.drawn_text import draw_text
 from ..jobs import preset_times
@@ -41,13 +41,12 @@ def draw_presets(
         preset_times.ask(photos)
         seconds = preset_times.preset_seconds(photos)
     layout.label(text="Preset")
-    for preset in PRESET_LIST:
-        if preset.offered:
-            column = layout.column(align=True)
-            column.prop_enum(operator, "preset", preset.name)
-            draw_text(column, preset.description, line_length=line_length)
-            if seconds and preset.name in seconds:
-                column.label(text=duration_words(seconds[preset.name]), icon="TIME")
+    for preset in OFFERED_PRESETS:
+        column = layout.column(align=True)
+        column.prop_enum(operator, "preset", preset.name)
+        draw_text(column, preset.description, line_length=line_length)
+        if seconds and preset.name in seconds:
+            column.label(text=duration_words(seconds[preset.name]), icon="TIME")
     if is_asked and seconds is None:
         draw_text(layout, "Reading these photos to say how long each takes ...", icon="TIME", line_length=line_length)
 

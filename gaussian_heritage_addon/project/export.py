@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from ...engine.core.errors import DiskError, ObjectError, ProjectError, SettingsError
 from ...engine.core.files import path_within
-from ...engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz
+from ...engine.formats import (
+    DEFAULT_FORMAT,
+    FileFacts,
+    Format,
+    WritingTools,
+    moved_far,
+    transform_gaussians,
+    write_scene,
+)
+from ...engine.formats import FORMATS as ALL_FORMATS
 from ...engine.scene import Gaussians, far_gaussians, read_camera_set
 from ..blender.world_placement import world_matrix
 from ..splats.native_splats import has_native_splats, native_gaussians
@@ -41,13 +50,15 @@ __all__ = [
     "export_together",
 ]
 
-FORMATS = ("glb", "ply", "spz", "sog", "usd")
-"""Formats, named as the extensions of their files. The first is the default."""
+FORMATS: tuple[Format, ...] = tuple(
+    sorted((one for one in ALL_FORMATS if one.write is not None), key=lambda one: one.name != DEFAULT_FORMAT)
+)
+"""Formats that are written here. The first is the default."""
 
 
 def export_formats() -> tuple[str, ...]:
     """Return the formats that can be written now: USD needs OpenUSD in Blender or in the engine."""
-    return tuple(one for one in FORMATS if one != "usd" or can_write_usd())
+    return tuple(one.name for one in FORMATS if not one.needs_openusd or can_write_usd())
 
 
 @dataclass(frozen=True)
@@ -117,7 +128,7 @@ class ExportOptions:
     Attributes
     ----------
     with_record : bool
-        Whether the files carry the record and paradata. SPZ has no place for them.
+        Whether the files carry the record and paradata, where their format has a place for them.
     with_far : bool
         Whether the whole scene of a project includes its far Gaussians, see `engine.scene.far_gaussians`.
     own_origin : bool
@@ -161,7 +172,7 @@ def export_splats(
     folder : Path
         Created when missing.
     file_format : str
-        One of `FORMATS`.
+        Name of one of `FORMATS`.
     options : ExportOptions, optional
     overwrite : bool
         Replace existing files. If False, nothing is written when one of the files exists.
@@ -195,7 +206,7 @@ def export_together(objects: Sequence[bpy.types.Object], file: Path, options: Ex
         When the extension is that of no format.
     """
     _require_some(objects)
-    if file.suffix.lower().removeprefix(".") not in FORMATS:
+    if _format_of(file) is None:
         raise SettingsError(f"{file.name} has no extension of a known format. Use .{', .'.join(export_formats())}.")
     options = replace(options or ExportOptions(), own_origin=False)
     parts = [_exported(obj, options) for obj in objects]
@@ -277,34 +288,24 @@ def _write(file: Path, exported: _Exported, objects: Sequence[bpy.types.Object],
     title = record.title if record is not None and options.with_record else ""
     name = title or (file.stem if obj is None else clean_name(obj))
     extras = {**({} if record is None else {"record": record.as_dict()}), "paradata": paradata}
-    kind = file.suffix.lower()
-    if kind == ".spz":
-        write_spz(file, gaussians, matrix=matrix)
-    elif kind == ".sog":
-        write_sog(file, gaussians, encode_picture, matrix=matrix, extras=extras if options.with_record else None)
-    elif kind == ".usd":
-        metres = 1.0 if all(frame_of_object(one).is_metric for one in objects) else None
-        data = extras if options.with_record else None
-        write_usd_file(file, gaussians, name=name, metres_per_unit=metres, custom_data=data, matrix=matrix)
-    elif kind == ".glb":
-        rights = (record.rights or None) if record is not None and options.with_record else None
-        data = extras if options.with_record else None
-        write_glb(file, gaussians, name=name, copyright=rights, extras=data, matrix=matrix)
-    else:
+    facts = FileFacts(name=name, matrix=matrix, properties=exported.extra, lost=exported.lost)
+    if all(frame_of_object(one).is_metric for one in objects):
+        facts = replace(facts, metres_per_unit=1.0)
+    if options.with_record:
+        rights = None if record is None else record.rights or None
         comments = [*([] if record is None else record.as_comments()), *(f"{k} {v}" for k, v in paradata.items())]
-        stored = exported.stored
+        facts = replace(facts, extras=extras, comments=comments, rights=rights)
+    elif exported.stored is not None and (header := _usable_header(exported.stored, gaussians)):
         # A file without a record is that from which the object came, as far as it was not edited.
-        header = () if stored is None or options.with_record else _usable_header(stored, gaussians)
-        write_ply(
-            file,
-            gaussians,
-            comments=comments if options.with_record else (),
-            up=stored.up if stored is not None and header else "-y",
-            matrix=matrix,
-            extra=exported.extra,
-            header=header,
-            lost=exported.lost,
-        )
+        facts = replace(facts, header=header, header_up=exported.stored.up)
+    kind = _format_of(file)
+    assert kind is not None
+    write_scene(file, gaussians, kind.name, facts, WritingTools(encode_picture, write_usd_file))
+
+
+def _format_of(file: Path) -> Format | None:
+    """Return the format that the extension of a file names."""
+    return next((one for one in FORMATS if file.suffix.lower() == one.suffixes[0]), None)
 
 
 def _usable_header(stored: StoredFile, gaussians: Gaussians) -> tuple[str, ...]:

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ...engine.core.errors import EnvironmentProblem
 from ...engine.formats import has_openusd, write_usd, write_usd_elsewhere
@@ -26,16 +22,8 @@ def can_write_usd() -> bool:
     return has_openusd() or _python_with_openusd() is not None
 
 
-def write_usd_file(
-    path: Path,
-    gaussians: Gaussians,
-    *,
-    name: str,
-    metres_per_unit: float | None,
-    custom_data: Mapping[str, Any] | None,
-    matrix: NDArray[np.float64],
-) -> None:
-    """Write `gaussians` as USD; see `engine.formats.write_usd`.
+def write_usd_file(path: Path, gaussians: Gaussians, **facts: Any) -> None:
+    """Write `gaussians` as USD; see `engine.formats.write_usd` for `facts`.
 
     Raises
     ------
@@ -44,9 +32,8 @@ def write_usd_file(
     HeritageError
         As `write_usd`.
     """
-    facts: dict[str, Any] = {"metres_per_unit": metres_per_unit, "custom_data": custom_data, "matrix": matrix}
     if has_openusd():
-        write_usd(path, gaussians, name=name, **facts)
+        write_usd(path, gaussians, **facts)
         return
     python = _python_with_openusd()
     if python is None:
@@ -54,7 +41,7 @@ def write_usd_file(
             f"{path.name} cannot be written, because neither Blender nor the engine has OpenUSD 26.03 or newer. Export "
             "GLB, PLY or SPZ instead, or install requirements/formats.txt into the engine's Python."
         )
-    write_usd_elsewhere(python, path, gaussians, name=name, **facts)
+    write_usd_elsewhere(python, path, gaussians, **facts)
 
 
 def _python_with_openusd() -> Path | None:

@@ -63,5 +63,5 @@ def test_command_lists_what_is_missing_and_what_is_not_used(
     monkeypatch.setattr(sys, "argv", ["extract_texts.py"])
     assert extract_texts.main() == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "# labels without a translation: 0" in lines and "    'Cut the object': ''," in lines
-    assert lines[-1].strip() == "'Gone'"
+    assert "# labels without a translation: 0" in lines and '  "Cut the object": "",' in lines
+    assert lines[-1].strip() == '"Gone"'

@@ -1,4 +1,4 @@
-"""``export``: write the scene or an object as PLY, glTF, SPZ, SOG or USD, or as a page that shows it."""
+"""``export``: write the scene or an object in one of `engine.formats.FORMATS`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ...core.errors import ProjectError, SettingsError
 from ...core.events import Emit, Finished, StopCheck, Warned
+from ...formats import FORMATS, format_of
 from ...project.folder import ProjectFolder
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "export"
-HELP = "Write the scene or one object as 3DGS PLY, glTF (KHR_gaussian_splatting), SPZ, SOG, USD, or a page."
+HELP = "Write the scene or one object as a file of Gaussians for other programs, or as a page."
 EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
 USES_CAMERAS = True
 FAR = ("leave-out", "keep", "second-file")
@@ -28,14 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
     parser.add_argument("--object", help="name or id of an object (default: the whole scene)")
+    written = [one for one in FORMATS if one.write is not None or one.is_page]
     parser.add_argument(
         "--format",
-        choices=("ply", "glb", "spz", "sog", "usd", "html"),
+        choices=[one.name for one in written],
         required=True,
-        help="ply: 3D Gaussian splatting, Y down; glb: glTF, Y up; spz: a sixth of the size, without a record; "
-        "sog: for the web, a twentieth of the size with harmonics, Y down; usd: "
-        "ParticleField3DGaussianSplat, Z up; html: one file with a viewer and the record, which a browser opens "
-        "without the web",
+        help=". ".join(f"{one.name}: {one.description}" for one in written),
     )
     parser.add_argument("--out", type=Path, required=True, help="file to write")
     parser.add_argument("--title", help="title of the scene in the record (default: the name of the photo folder)")
@@ -84,21 +83,22 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write the file."""
-    from ...delivery.packages import SUFFIXES, divided, load_export, write_export
+    from ...delivery.packages import divided, load_export, write_export
 
+    kind = format_of(options.format)
     out: Path = options.out
     if out.is_dir():
         raise ProjectError(f"{out} is a folder. Choose a file name.")
-    if out.suffix.lower() not in SUFFIXES[options.format]:
-        raise SettingsError(
-            f"--format {options.format} writes {options.format.upper()}, but {out} has another extension."
-        )
+    if out.suffix.lower() not in kind.suffixes:
+        raise SettingsError(f"--format {kind.name} writes {kind.name.upper()}, but {out} has another extension.")
     if options.object is not None and options.without_background:
         raise SettingsError("--without-background is for whole scenes; an object has no background. Leave it out.")
-    if options.format == "html" and options.far != FAR[0]:
+    if kind.is_page and options.far != FAR[0]:
         raise SettingsError("A page frames the scene by its cameras and shows all of it. Leave out --far.")
-    if options.format == "spz" and options.record == "full":
-        emit(Warned("SPZ has no place for text, so the file has no record. Export PLY, GLB or USD to keep it."))
+    if not kind.carries_record and options.record == "full":
+        emit(
+            Warned(f"{kind.label} has no place for text, so the file has no record. Export PLY, GLB or USD to keep it.")
+        )
     second = out.with_name(f"{out.stem}_far{out.suffix}")
     existing = [file for file in (out, second) if file.exists() and (file == out or options.far == "second-file")]
     if existing and not options.overwrite:
@@ -112,8 +112,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         export = replace(export, gaussians=export.gaussians[left_out:], notes=notes)
         if len(export.gaussians) == 0:
             raise ProjectError(f"{project.path} has nothing but background. Export it without --without-background.")
-    near, far = divided(export) if options.format != "html" and options.far != "keep" else (export, None)
-    shown = "upright" if options.format == "html" and options.frame is None else options.frame
+    near, far = divided(export) if not kind.is_page and options.far != "keep" else (export, None)
+    shown = "upright" if kind.is_page and options.frame is None else options.frame
     how = {"frame": shown, "with_record": options.record == "full", "in_scene": options.origin == "scene"}
     placed = write_export(out, near, options.format, **how)
     n_far = 0 if far is None else len(far.gaussians)

@@ -19,7 +19,7 @@ from ...pipeline.planning import (
     work_plan_as_dict,
 )
 from ...training import read_overrides
-from ...training.settings import PRESET_LIST
+from ...training.settings import OFFERED_PRESETS
 from .scene_options import (
     add_camera_options,
     add_device_option,
@@ -65,11 +65,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         wants_objects=not options.no_objects,
         overrides=read_overrides(options.set),
     )
-    offered = [preset for preset in PRESET_LIST if preset.offered]
     plans = plan_presets(
         options.photos,
         settings,
-        [preset.name for preset in offered] if options.every_preset else [options.preset],
+        [preset.name for preset in OFFERED_PRESETS] if options.every_preset else [options.preset],
         photos=PhotoSettings(),
         cameras=CameraSettings(),
         model=options.cameras,
@@ -78,7 +77,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         should_stop=should_stop,
     )
     if options.every_preset:
-        forecasts = [(preset, planned.forecast) for preset, planned in zip(offered, plans, strict=True)]
+        forecasts = [(preset, planned.forecast) for preset, planned in zip(OFFERED_PRESETS, plans, strict=True)]
         answer = {"presets": [{"name": one.name, "forecast": forecast_as_dict(known)} for one, known in forecasts]}
         emit(Finished(json.dumps(answer, indent=1) if options.json else format_presets(forecasts), answer))
         return 0

@@ -11,7 +11,7 @@ import os
 import stat
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -29,8 +29,8 @@ _MAX_DIRECTORY = 64 << 20
 """Bytes of the list of files at the end of a zip file."""
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_PACKED = (".jpg", ".png", ".webm", ".mp4", ".gz", ".glb", ".spz", ".sog", ".zip")
-"""Files that are stored in a zip file as they are: they are compressed already, or would hardly shrink."""
+_PACKED = (".jpg", ".png", ".webm", ".mp4", ".gz", ".zip")
+"""Files that are stored in a zip file as they are: they are compressed already."""
 _DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, RuntimeError, ValueError, OverflowError)
 """What Python's zipfile raises for damaged files."""
 
@@ -170,7 +170,7 @@ def _checked_entries(path: Path, archive: zipfile.ZipFile, root: str | None) -> 
     return prefix, {entry.filename.removeprefix(prefix): entry.file_size for entry in entries}
 
 
-def write_zip(stream: IO[bytes], folder: Path, *, name: str) -> None:
+def write_zip(stream: IO[bytes], folder: Path, *, name: str, packed: Sequence[str] = ()) -> None:
     """Write all files of `folder` to a zip file, below a folder called `name`.
 
     Parameters
@@ -179,9 +179,11 @@ def write_zip(stream: IO[bytes], folder: Path, *, name: str) -> None:
     folder : Path
         Without links.
     name : str
+    packed : sequence of str
+        Further suffixes of files that are stored as they are.
     """
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for relative in _files_of(folder):
-            packed = relative.lower().endswith(_PACKED)
-            method = zipfile.ZIP_STORED if packed else zipfile.ZIP_DEFLATED
+            is_packed = relative.lower().endswith((*_PACKED, *packed))
+            method = zipfile.ZIP_STORED if is_packed else zipfile.ZIP_DEFLATED
             archive.write(folder / relative, f"{name}/{relative}", compress_type=method)

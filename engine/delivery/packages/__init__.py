@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .exporting import FORMATS, SUFFIXES, Export, divided, load_export, turn_of, write_export
+    from .exporting import Export, divided, load_export, turn_of, write_export
     from .package import package_name, write_package
     from .page import is_viewer_built
     from .turntable import FILMS, SHEET, Turn, write_films, write_sheet
@@ -15,9 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FILMS",
-    "FORMATS",
     "SHEET",
-    "SUFFIXES",
     "Export",
     "Turn",
     "Verification",

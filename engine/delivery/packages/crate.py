@@ -6,16 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from ...core.files import file_sha256
+from ...formats import FORMATS
 
-__all__ = ["CRATE_FILE", "MEDIA_TYPES", "media_type", "write_crate"]
+__all__ = ["CRATE_FILE", "media_type", "write_crate"]
 
 CRATE_FILE = "ro-crate-metadata.json"
-MEDIA_TYPES = {
-    ".ply": "application/x-ply",
-    ".glb": "model/gltf-binary",
-    ".spz": "application/octet-stream",
-    ".sog": "application/zip",
-    ".html": "text/html",
+_MEDIA_TYPES = {
+    **{suffix: kind.media_type for kind in FORMATS for suffix in kind.suffixes},
     ".jpg": "image/jpeg",
     ".jpeg": "image/jpeg",
     ".png": "image/png",
@@ -30,7 +27,7 @@ MEDIA_TYPES = {
 
 def media_type(path: Path) -> str:
     """Return the media type of a file of a package by its suffix."""
-    return MEDIA_TYPES.get(path.suffix.lower(), "application/octet-stream")
+    return _MEDIA_TYPES.get(path.suffix.lower(), "application/octet-stream")
 
 
 def write_crate(folder: Path, described: dict[str, Any], notes: dict[str, str]) -> None:

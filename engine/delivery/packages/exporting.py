@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...cameras import training_pinhole
 from ...core.errors import SettingsError
 from ...core.events import StopCheck
-from ...formats import Up, write_glb, write_ply, write_sog, write_spz, write_usd
+from ...formats import FileFacts, Up, WritingTools, format_of, write_scene
 from ...objects import list_objects, load_membership, load_object, object_gaussians
 from ...pictures import Backend, Scene, encode_picture
 from ...project.folder import ProjectFolder
@@ -39,21 +39,10 @@ from ..report import best_seen_from, orbit_cameras
 from .page import Framing, Part, framing_of_object, framing_of_scene, write_page
 from .turntable import Turn, turn_of_object, turn_of_scene
 
-__all__ = ["FORMATS", "SUFFIXES", "Export", "divided", "load_export", "turn_of", "write_export"]
+__all__ = ["Export", "divided", "load_export", "turn_of", "write_export"]
 
-FORMATS = ("ply", "glb", "spz", "html")
-"""Formats that a package holds."""
-SUFFIXES = {
-    "ply": (".ply",),
-    "glb": (".glb",),
-    "spz": (".spz",),
-    "sog": (".sog",),
-    "usd": (".usd", ".usdc", ".usda"),
-    "html": (".html",),
-}
-"""All formats, with the extensions of their files."""
 _UP: dict[str, Up | None] = {"original": None, "world": "z"}
-"""The axis of a PLY or SOG that points up, where it is not that of the viewers; given poses do not say what is up."""
+"""The axis that points up where neither the format nor its viewers say it; given poses do not say what is up."""
 _COVERAGE_SIDE = 160
 """Longest side of the pictures in which is counted which photos saw a Gaussian."""
 _N_VIEWS = 8
@@ -151,7 +140,7 @@ def write_export(
     in_scene: bool = False,
     backend: Backend = "cpu",
 ) -> ExportFrame:
-    """Write a file of one of `SUFFIXES` atomically, and return its frame.
+    """Write a file of one of `engine.formats.FORMATS` atomically, and return its frame.
 
     Parameters
     ----------
@@ -161,9 +150,8 @@ def write_export(
     frame : {"upright", "original", "world"}, optional
         Frame of the coordinates, see `engine.scene.export_frame`; ``world``: the normalised world, Z up in PLY.
     with_record : bool
-        Whether the file carries the record, and how many photos saw each Gaussian: comments of PLY, ``asset.extras``
-        and XMP of glTF, ``customLayerData`` of USD; ``extras`` of SOG, which has no place for the photos. A page always
-        does; SPZ cannot.
+        Whether the file carries the record, and how many photos saw each Gaussian, where its format has a place for
+        them. A page always has the record.
     in_scene : bool
         Whether an object stays where it stands in the scene. Otherwise the middle of its foot is the origin, but not in
         the frames ``original`` and ``world``.
@@ -177,9 +165,9 @@ def write_export(
     HeritageError
         When the file cannot be written.
     """
-    described, gaussians = export.described, export.gaussians
+    described, gaussians, kind = export.described, export.gaussians, format_of(file_format)
     placed = _placed(export, frame)
-    if file_format == "html":
+    if kind.is_page:
         if frame not in (None, "upright"):
             raise SettingsError("A page shows what is upright. Leave out --frame.")
         if not with_record:
@@ -192,47 +180,21 @@ def write_export(
         foot = foot_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
         matrix = _moved(-foot) @ matrix
         notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in foot)
-    if file_format == "spz":
-        write_spz(path, gaussians, matrix=matrix)
-        return placed
-    can_hold_seen = file_format != "sog"
-    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) and can_hold_seen else None
+    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) and kind.carries_seen else None
     if seen is not None:
         notes["seen_by_no_photo"] = int((seen == 0).sum())
-    extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
-    if file_format == "sog":
-        up = _UP.get(placed.name, "-y")
-        write_sog(path, gaussians, encode_picture, up=up, matrix=matrix, extras=extras if with_record else None)
-    elif file_format == "ply":
-        write_ply(
-            path,
-            gaussians,
-            comments=ply_comments(extras) if with_record else (),
-            up=_UP.get(placed.name, "-y"),
-            matrix=matrix,
-            extra=None if seen is None else {"photos_seen": seen},
+    facts = FileFacts(matrix=matrix, up=_UP.get(placed.name, "-y"), metres_per_unit=placed.metres_per_unit, seen=seen)
+    if with_record and kind.carries_record:
+        extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
+        facts = replace(
+            facts,
+            name=described["title"],
+            extras=extras,
+            comments=ply_comments(extras),
+            rights=(described.get("object") or {}).get("rights"),
+            xmp=xmp_packet(described),
         )
-    elif file_format == "usd":
-        write_usd(
-            path,
-            gaussians,
-            name=described["title"] if with_record else "Gaussians",
-            metres_per_unit=placed.metres_per_unit,
-            custom_data=extras if with_record else None,
-            matrix=matrix,
-            seen=seen,
-        )
-    else:
-        write_glb(
-            path,
-            gaussians,
-            name=described["title"] if with_record else "Gaussians",
-            copyright=(described.get("object") or {}).get("rights") if with_record else None,
-            extras=extras if with_record else None,
-            xmp=xmp_packet(described) if with_record else None,
-            matrix=matrix,
-            seen=seen,
-        )
+    write_scene(path, gaussians, file_format, facts, WritingTools(encode_picture))
     return placed
 
 

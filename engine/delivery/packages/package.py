@@ -25,6 +25,7 @@ from ...core.files import (
     write_zip,
 )
 from ...core.system import replace_file
+from ...formats import FORMATS
 from ...pictures import Backend
 from ...project.content import report_file
 from ...project.folder import ProjectFolder
@@ -33,7 +34,7 @@ from ..records import EXAMPLE_ADDRESS, Picture, crm_json_ld, dublin_core_xml, ii
 from .bag import PAYLOAD, write_bag
 from .captures import add_exif, photo_file
 from .crate import media_type, write_crate
-from .exporting import FORMATS, Export, divided, load_export, turn_of, write_export
+from .exporting import Export, divided, load_export, turn_of, write_export
 from .page import is_viewer_built
 from .turntable import SHEET, Turn, write_films, write_sheet
 
@@ -128,8 +129,9 @@ def write_package(
             info["External-Identifier"] = item["catalogue_number"]
         write_bag(made, info)
         if as_zip:
+            packed = [suffix for kind in FORMATS if kind.is_packed for suffix in kind.suffixes]
             with atomic_write(target) as stream:
-                write_zip(stream, made, name=stem)
+                write_zip(stream, made, name=stem, packed=packed)
         else:
             delete_derived(out, stem)
             replace_file(made, target)
@@ -173,20 +175,15 @@ def _fill(
 ) -> None:
     described, notes = export.described, dict(_NOTES)
     near, far = divided(export)
-    for file_format in FORMATS:
-        if file_format == "html" and not is_viewer_built():
+    for kind in FORMATS:
+        if not kind.package_note or (kind.is_page and not is_viewer_built()):
             continue
-        shown = export if file_format == "html" else near
-        write_export(data / f"{stem}.{file_format}", shown, file_format, frame="upright", backend=backend)
+        file = data / f"{stem}{kind.suffixes[0]}"
+        write_export(file, export if kind.is_page else near, kind.name, frame="upright", backend=backend)
+        notes[file.name] = kind.package_note
     if far is not None:
         write_export(data / f"{stem}_far.ply", far, "ply", frame="upright", backend=backend)
-    notes |= {
-        f"{stem}.ply": "the Gaussians in the layout of 3D Gaussian splatting (PLY), Y down as its viewers expect",
-        f"{stem}.spz": "the same in a sixth of the size, with rounded values (SPZ)",
-        f"{stem}.glb": "the same as glTF with the extension KHR_gaussian_splatting, Y up",
-        f"{stem}_far.ply": "Gaussians of the scene that lie far outside of what the photos show",
-        f"{stem}.html": "a page that shows it; open it in a browser",
-    }
+        notes[f"{stem}_far.ply"] = "Gaussians of the scene that lie far outside of what the photos show"
     turn = turn_of(export, backend, should_stop)
     described["pictures"] = {"degrees": round(turn.degrees, 1), "photos_surround_it": turn.is_closed}
     pictures = _write_pictures(data, described["title"], turn)

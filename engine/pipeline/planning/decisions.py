@@ -22,7 +22,7 @@ from ...photos import PhotoStatistics
 from ...rasterizer import PROCESSOR, Device, Wanted
 from ...scene import CameraSet, Photo, PhotoSet
 from ...training import settings_with_sizes
-from ...training.settings import MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
+from ...training.settings import DEFAULT_PRESET, MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
 
 __all__ = [
     "LeftOut",
@@ -77,7 +77,7 @@ class PlanSettings:
         photos, features with their loss in every step, and all bands of colour without a trial.
     """
 
-    preset: str = "standard"
+    preset: str = DEFAULT_PRESET
     device: Wanted = "auto"
     max_gaussians: int | None = None
     max_side: int | None = None

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ...core.errors import EnvironmentProblem
 from ...training import settings_with_sizes, sizes_on_card
-from ...training.settings import PRESET_LIST
+from ...training.settings import OFFERED_PRESETS
 from .calibration import Calibration, outcome_name
 from .decisions import WorkPlan
 from .forecast import Forecast, memory_of
@@ -42,7 +42,7 @@ def require_enough_memory(forecast: Forecast, work: WorkPlan, calibration: Calib
 def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free: int) -> list[tuple[str, int]]:
     """Return the smaller presets that fit into `free` bytes, the largest first, with the bytes that each needs."""
     fitting = []
-    for name in reversed([preset.name for preset in PRESET_LIST if preset.offered]):
+    for name in [preset.name for preset in reversed(OFFERED_PRESETS)]:
         on_card = sizes_on_card(name, 0) if work.device.backend == "gpu" else {}
         preset = settings_with_sizes(name, on_card, work.n_training)
         scale = min(1.0, preset.schedule.max_side / max(work.photo_width, work.photo_height))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
+from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
 from ...workers.jobs import Click, click_arguments, refine_arguments, text_arguments
 from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import has_scene
@@ -21,6 +22,10 @@ from ..videos import frames_arguments
 __all__ = ["router"]
 
 router = APIRouter(prefix="/projects/{project_id}/jobs", tags=["jobs"])
+if TYPE_CHECKING:
+    _Preset = str
+else:
+    _Preset = Literal[tuple(one.name for one in OFFERED_PRESETS)]
 _Pixel = Annotated[float, Field(ge=0, le=1e5, allow_inf_nan=False)]
 
 
@@ -37,7 +42,7 @@ class Reconstruction(BaseModel):
     """Photos to a scene."""
 
     kind: Literal["reconstruct"]
-    preset: Literal["preview", "standard", "best"] = "standard"
+    preset: _Preset = DEFAULT_PRESET
     mask_background: bool = False
 
 

@@ -12,13 +12,14 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from ...core.files import object_file
+from ...formats import format_of
 from ...project.content import ProjectObject, list_objects, load_membership
 from ...project.folder import ProjectFolder
 from ...project.objects import RECORD_FILE, delete_object, load_record, read_record, rename_object, save_record
 from ..access import CurrentProject, server_of
 from ..conditional import file_answer
 from ..contents import describe_object
-from ..downloads import MEDIA_TYPES, DownloadFormat, download_name
+from ..downloads import DownloadFormat, download_name
 from ..library import NotFound, WebProject
 from ..texts import Line, Lines
 from ..thumbnails import object_thumbnail
@@ -44,7 +45,7 @@ async def read_object_for_viewer(object_id: str, project: CurrentProject, reques
     """Return an object for the viewer, in the frame of the cameras."""
     await run_in_threadpool(_object, project, object_id)
     file = await server_of(request).work.exported(project, object_id, "ply", "world")
-    return file_answer(request, file, MEDIA_TYPES["ply"])
+    return file_answer(request, file, format_of("ply").media_type)
 
 
 @router.get("/{object_id}/thumbnail.jpg")
@@ -81,7 +82,9 @@ async def download_object(
     """Return an object as a file to keep."""
     item = await run_in_threadpool(_object, project, object_id)
     file = await server_of(request).work.exported(project, object_id, file_format)
-    return FileResponse(file, media_type=MEDIA_TYPES[file_format], filename=download_name(item.name, file_format))
+    return FileResponse(
+        file, media_type=format_of(file_format).media_type, filename=download_name(item.name, file_format)
+    )
 
 
 @router.patch("/{object_id}")

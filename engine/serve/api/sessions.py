@@ -8,8 +8,9 @@ from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
 from ...photos.settings import VIDEO_SUFFIXES
-from ...training.settings import PRESETS
+from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
 from ..access import CurrentUser, local_user, server_of, session_cookie, session_user, set_session
+from ..downloads import DOWNLOADS
 from ..settings import PHOTO_TYPES
 
 __all__ = ["router"]
@@ -25,7 +26,7 @@ class Token(BaseModel):
 
 @router.get("")
 def read_session(request: Request, response: Response) -> dict[str, Any]:
-    """Return the signed-in user, the token for changing requests, and the limits."""
+    """Return the signed-in user, the token for changing requests, the limits, and what there is to choose."""
     user, cookie = session_user(request), session_cookie(request)
     if user is None and (user := local_user(request)) is not None:
         cookie = set_session(request, response, user)
@@ -62,5 +63,7 @@ def _description(request: Request, user: str | None, cookie: str) -> dict[str, A
         "user": user,
         "csrf": "" if user is None else server.accounts.csrf_token(cookie),
         "limits": limits,
-        "presets": [name for name in PRESETS if name in ("preview", "standard", "best")],
+        "presets": [{"name": one.name, "label": one.label, "description": one.description} for one in OFFERED_PRESETS],
+        "default_preset": DEFAULT_PRESET,
+        "formats": [{"name": one.name, "label": one.label} for one in DOWNLOADS],
     }

@@ -11,12 +11,13 @@ from fastapi.responses import FileResponse
 
 from ...core.files import path_within
 from ...delivery.records import describe_unit
+from ...formats import format_of
 from ...project.folder import ProjectFolder
 from ...project.refused_prompts import read_not_found
 from ...scene import Camera, focal_and_center, looked_at, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
 from ..conditional import file_answer
-from ..downloads import MEDIA_TYPES, DownloadFormat, download_name
+from ..downloads import DownloadFormat, download_name
 from ..library import NotFound
 
 __all__ = ["router"]
@@ -98,7 +99,7 @@ def read_candidate(number: int, project: CurrentProject) -> FileResponse:
 async def read_scene(project: CurrentProject, request: Request) -> Response:
     """Return the scene for the viewer, in the frame of the cameras."""
     file = await server_of(request).work.exported(project, None, "ply", "world")
-    return file_answer(request, file, MEDIA_TYPES["ply"])
+    return file_answer(request, file, format_of("ply").media_type)
 
 
 @router.get("/export")
@@ -109,7 +110,9 @@ async def download_scene(
 ) -> FileResponse:
     """Return the whole scene as a file to keep."""
     file = await server_of(request).work.exported(project, None, file_format)
-    return FileResponse(file, media_type=MEDIA_TYPES[file_format], filename=download_name(project.title, file_format))
+    return FileResponse(
+        file, media_type=format_of(file_format).media_type, filename=download_name(project.title, file_format)
+    )
 
 
 def _view(camera: Camera) -> dict[str, Any]:

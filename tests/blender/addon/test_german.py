@@ -52,11 +52,14 @@ def shown_texts(cls: Any) -> Iterator[str]:
                 yield from (item.name, item.description)
 
 
+def german_texts(part: Part) -> dict[str, str]:
+    translations = part("gaussian_heritage_addon.language.translations")
+    (german,) = (texts for locales, texts in map(translations.texts_of, translations.LANGUAGES) if "de" in locales)
+    return german
+
+
 def test_every_label_and_tooltip_has_a_german_text(blender: ModuleType, part: Part) -> None:
-    german = (
-        part("gaussian_heritage_addon.language.german").TEXTS
-        | part("gaussian_heritage_addon.language.german_tooltips").TEXTS
-    )
+    german = dict(german_texts(part))
     classes = own_classes()
     assert len(classes) > 40
     # Blender's own, of its base class of exporters.
@@ -80,10 +83,7 @@ def test_german_is_given_to_blender_for_labels_and_operators(part: Part, monkeyp
 def test_texts_with_values_are_translated_before_the_values_are_filled_in(
     part: Part, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    translations, german = (
-        part("gaussian_heritage_addon.language.translations"),
-        part("gaussian_heritage_addon.language.german").TEXTS,
-    )
+    translations, german = part("gaussian_heritage_addon.language.translations"), german_texts(part)
     fake = SimpleNamespace(pgettext_iface=lambda text: german.get(text, text))
     monkeypatch.setattr(translations, "bpy", SimpleNamespace(app=SimpleNamespace(translations=fake)))
     assert translations.translated("Part to Whole: {} of {}", 2, 3) == "Teil bis Ganzes: 2 von 3"
@@ -92,6 +92,5 @@ def test_texts_with_values_are_translated_before_the_values_are_filled_in(
 
 
 def test_german_texts_have_the_places_for_values_of_the_english_ones(part: Part) -> None:
-    german = part("gaussian_heritage_addon.language.german").TEXTS
-    for text, own in german.items():
+    for text, own in german_texts(part).items():
         assert text.count("{") == own.count("{") and text.count("}") == own.count("}"), text

@@ -8,14 +8,6 @@ export function duration(seconds) {
   return `about ${plural(Math.round(minutes / 60), "hour")}`;
 }
 
-/** The formats in which the scene and objects can be had. */
-export const DOWNLOADS = ["ply", "glb", "spz", "sog", "usd", "html"];
-
-/** The name of a format in a button: "PLY", or "page" for HTML. */
-export function formatName(format) {
-  return format === "html" ? "page" : format.toUpperCase();
-}
-
 export function plural(count, word) {
   return `${count.toLocaleString("en")} ${word}${count === 1 ? "" : "s"}`;
 }

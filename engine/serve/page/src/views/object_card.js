@@ -1,7 +1,7 @@
 // One object: show it, correct it, fill in its record, download it, delete it.
 import { changeObject, deleteObject, exportUrl, objectUrl } from "../api.js";
 import { announce, confirmed, during, field, h, refill, setText } from "../dom.js";
-import { DOWNLOADS, formatName, plural } from "../format.js";
+import { plural } from "../format.js";
 import { createObjectButtons } from "../object_buttons.js";
 
 const FIELDS = [
@@ -13,7 +13,7 @@ const FIELDS = [
 ];
 
 export function createObjectCard(context, first, { stage, clicks, shownAlone }) {
-  const { id } = context;
+  const { id, session } = context;
   const { looks } = stage;
   let object = first;
   let alone = false;
@@ -25,8 +25,8 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   const buttons = createObjectButtons(looks, () => object, (one) => stage.point(one, true), [picture, h("span", null, name, facts)]);
   const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");
   const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, "Correct");
-  const download = (format) => h("li", null, h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, formatName(format)));
-  const downloads = h("details", { class: "downloads" }, h("summary", null, "Download"), h("ul", { class: "row" }, DOWNLOADS.map(download)));
+  const download = ({ name: format, label }) => h("li", null, h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, label));
+  const downloads = h("details", { class: "downloads" }, h("summary", null, "Download"), h("ul", { class: "row" }, session.formats.map(download)));
   const inputs = Object.fromEntries(
     FIELDS.map(([key, label]) => {
       const props = { maxlength: key === "notes" ? 5000 : 300, autocomplete: "off", value: object[key] ?? "" };

@@ -3,7 +3,7 @@ import { deleteProject, eventsUrl, getProject, renameProject, reportUrl, sceneEx
 import { asked, confirmed, during, h, notify, put, show } from "../dom.js";
 import { listen } from "../events.js";
 import { onBack } from "../connection.js";
-import { DOWNLOADS, formatName, plural } from "../format.js";
+import { plural } from "../format.js";
 import { createPhotos } from "./photos.js";
 import { createProgress } from "./progress.js";
 import { createReconstruct } from "./reconstruct.js";
@@ -45,8 +45,8 @@ export async function projectScreen(root, session, id) {
 
   const title = h("h1", null, project.title);
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
-  const sceneFile = (format) => h("li", null, h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, formatName(format)));
-  const scenes = h("details", { class: "downloads menu" }, h("summary", null, "Download the scene"), h("ul", { class: "row" }, DOWNLOADS.map(sceneFile)));
+  const sceneFile = ({ name, label }) => h("li", null, h("a", { class: "button", href: sceneExportUrl(id, name), download: "" }, label));
+  const scenes = h("details", { class: "downloads menu" }, h("summary", null, "Download the scene"), h("ul", { class: "row" }, session.formats.map(sceneFile)));
   const files = [report, scenes];
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");

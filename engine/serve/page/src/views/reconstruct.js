@@ -5,26 +5,19 @@ import { announce, during, h, newId, setText, show } from "../dom.js";
 import { forecastText } from "../format.js";
 import { isActive } from "./project.js";
 
-const PRESETS = {
-  preview: ["Preview", "Fastest. Shows whether the photos are good enough."],
-  standard: ["Standard", "Right for most objects."],
-  best: ["Best", "Finest detail. Takes several times as long."],
-};
 const FEWEST = 3; // Fewer photos never give a scene.
 
 export function createReconstruct(context, photos) {
   const { id, session } = context;
   let project = null;
   const name = newId("preset");
-  const first = session.presets.includes("standard") ? "standard" : session.presets[0];
   const times = new Map(); // preset -> where its time stands
   let forecastOf = ""; // the photos that the shown times are of
-  const choices = session.presets.map((preset) => {
-    const [label, text] = PRESETS[preset] ?? [preset, ""];
-    const input = h("input", { type: "radio", name, value: preset, checked: preset === first });
+  const choices = session.presets.map(({ name: preset, label, description }) => {
+    const input = h("input", { type: "radio", name, value: preset, checked: preset === session.default_preset });
     const time = h("span", { class: "hint time" });
     times.set(preset, time);
-    return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, text), time));
+    return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, description), time));
   });
   const masks = h("input", { type: "checkbox" });
   const masking = h(

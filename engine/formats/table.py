@@ -1,0 +1,294 @@
+"""The formats of Gaussians: what each is called, its files, and what reads and writes them. Nothing else lists them.
+
+A new format is a module with its reader or writer, and a row in `FORMATS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import SettingsError
+from ..scene import Gaussians
+from .axes import Up
+from .glb import read_glb, write_glb
+from .ksplat import read_ksplat
+from .ply import read_ply, write_ply
+from .sog import DecodePicture, read_sog
+from .sog_writing import EncodePicture, write_sog
+from .splat import read_splat
+from .spz import read_spz, write_spz
+from .usd import write_usd
+
+__all__ = ["DEFAULT_FORMAT", "FORMATS", "FileFacts", "Format", "WritingTools", "format_of", "write_scene"]
+
+
+@dataclass(frozen=True)
+class FileFacts:
+    """What a file says beside its Gaussians. A format leaves out what it has no place for.
+
+    Attributes
+    ----------
+    name : str
+        Title of what the file shows.
+    matrix : array of shape [4, 4], float64, optional
+        A transform of the Gaussians, from the engine's world (Z up) to that of the file, Z up.
+    up : {"z", "-y", "y"}, optional
+        Axis that points up in files of formats that define none; None: the Gaussians are not turned.
+    metres_per_unit : float, optional
+        None: unknown.
+    extras : mapping, optional
+        The record, as JSON values.
+    comments : sequence of str
+        The record, as lines.
+    rights : str, optional
+        Credit line or rights statement.
+    xmp : mapping, optional
+        The record, as a packet of XMP.
+    seen : array of shape [N], int, optional
+        Number of photos that saw each Gaussian.
+    properties : mapping of str to array of shape [N]
+        Further properties of a PLY.
+    header : sequence of str
+        Header of the PLY from which the Gaussians came, see `write_ply`; a PLY alone takes it.
+    header_up : {"z", "-y", "y"}, optional
+        Axis that points up in that PLY.
+    lost : array of shape [N, 3], optional
+        See `write_ply`.
+    """
+
+    name: str = "Gaussians"
+    matrix: NDArray[np.float64] | None = None
+    up: Up | None = "-y"
+    metres_per_unit: float | None = None
+    extras: Mapping[str, Any] | None = None
+    comments: Sequence[str] = ()
+    rights: str | None = None
+    xmp: Mapping[str, Any] | None = None
+    seen: NDArray[np.integer] | None = None
+    properties: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    header: Sequence[str] = ()
+    header_up: Up | None = None
+    lost: NDArray[np.floating] | None = None
+
+
+@dataclass(frozen=True)
+class WritingTools:
+    """What writers need of the program that calls them.
+
+    Attributes
+    ----------
+    encode_picture : callable
+        See `EncodePicture`.
+    write_usd : callable
+        `write_usd`, or a function with its parameters for a program whose Python has no OpenUSD.
+    """
+
+    encode_picture: EncodePicture
+    write_usd: Callable[..., None] = write_usd
+
+
+Write = Callable[[Path, Gaussians, FileFacts, WritingTools], None]
+Read = Callable[[Path, DecodePicture, Up | None], Gaussians]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of files with Gaussians.
+
+    Attributes
+    ----------
+    name : str
+        As the command line and the server call it.
+    label : str
+        As menus and buttons call it.
+    suffixes : tuple of str
+        Ends of the names of its files. The first is that of the files that are written.
+    media_type : str
+    description : str
+        One sentence, without its full stop, that says what the format is for.
+    write : callable, optional
+        Writes a file from Gaussians, `FileFacts` and `WritingTools`; None: not written, or a page.
+    read : callable, optional
+        Returns the Gaussians in the engine's world (Z up) from a path, the decoder of pictures, and the axis that
+        points up (None: what the file or its format says).
+    starts : tuple of bytes
+        First bytes of its files, by which they are recognised; without any, their name is what counts.
+    read_suffixes : tuple of str
+        Ends of the names of further files that are read.
+    carries_record : bool
+        Whether its files hold the record.
+    carries_seen : bool
+        Whether its files hold the number of photos that saw each Gaussian.
+    needs_openusd : bool
+    is_page : bool
+        Whether it is a page for a browser, which `engine.delivery.packages` writes from the Gaussians, the record and the parts.
+    is_packed : bool
+        Whether its files are compressed already, or would hardly shrink in a zip file.
+    package_note : str
+        What a package says of its file in this format; empty: packages have none.
+    """
+
+    name: str
+    label: str
+    suffixes: tuple[str, ...]
+    media_type: str
+    description: str
+    write: Write | None = None
+    read: Read | None = None
+    starts: tuple[bytes, ...] = ()
+    read_suffixes: tuple[str, ...] = ()
+    carries_record: bool = True
+    carries_seen: bool = False
+    needs_openusd: bool = False
+    is_page: bool = False
+    is_packed: bool = False
+    package_note: str = ""
+
+
+def _write_ply(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
+    seen = {} if facts.seen is None else {"photos_seen": facts.seen}
+    write_ply(
+        path,
+        gaussians,
+        comments=facts.comments,
+        up=facts.header_up if facts.header else facts.up,
+        matrix=facts.matrix,
+        extra={**facts.properties, **seen},
+        header=facts.header,
+        lost=facts.lost,
+    )
+
+
+def _write_glb(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
+    write_glb(
+        path,
+        gaussians,
+        name=facts.name,
+        copyright=facts.rights,
+        extras=facts.extras,
+        xmp=facts.xmp,
+        matrix=facts.matrix,
+        seen=facts.seen,
+    )
+
+
+def _write_spz(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
+    write_spz(path, gaussians, matrix=facts.matrix)
+
+
+def _write_sog(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
+    write_sog(path, gaussians, tools.encode_picture, up=facts.up, matrix=facts.matrix, extras=facts.extras)
+
+
+def _write_usd(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
+    tools.write_usd(
+        path,
+        gaussians,
+        name=facts.name,
+        metres_per_unit=facts.metres_per_unit,
+        custom_data=facts.extras,
+        matrix=facts.matrix,
+        seen=facts.seen,
+    )
+
+
+FORMATS: tuple[Format, ...] = (
+    Format(
+        "ply", "PLY", (".ply",), "application/x-ply",
+        "Standard file of 3D Gaussian splatting, -Y up as its viewers expect",
+        _write_ply, lambda path, decode, up: read_ply(path), (b"ply",),
+        carries_seen=True,
+        package_note="the Gaussians in the layout of 3D Gaussian splatting (PLY), Y down as its viewers expect",
+    ),
+    Format(
+        "spz", "SPZ", (".spz",), "application/octet-stream",
+        "Compressed to a sixth of the size, with some loss and without a record",
+        _write_spz, lambda path, decode, up: read_spz(path, up=up), (b"\x1f\x8b", b"NGSP"),
+        carries_record=False, is_packed=True,
+        package_note="the same in a sixth of the size, with rounded values (SPZ)",
+    ),
+    Format(
+        "glb", "GLB", (".glb",), "model/gltf-binary",
+        "Recommended: binary glTF with KHR_gaussian_splatting and the record, upright in every program",
+        _write_glb, lambda path, decode, up: read_glb(path), (b"glTF",),
+        carries_seen=True, is_packed=True,
+        package_note="the same as glTF with the extension KHR_gaussian_splatting, Y up",
+    ),
+    # .json is the description of a SOG that is not zipped.
+    Format(
+        "sog", "SOG", (".sog",), "application/zip",
+        "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect",
+        _write_sog, lambda path, decode, up: read_sog(path, decode, up=up), (b"PK", b"{"), (".json",),
+        is_packed=True,
+    ),
+    # USD is read by the engine alone: `read_usd`.
+    Format(
+        "usd", "USD", (".usd", ".usdc", ".usda"), "model/vnd.usd",
+        "OpenUSD 26.03 or newer, ParticleField3DGaussianSplat, Z up",
+        _write_usd, carries_seen=True, needs_openusd=True,
+    ),
+    Format(
+        "html", "page", (".html",), "text/html",
+        "One file with a viewer and the record, which a browser opens without the web",
+        is_page=True, package_note="a page that shows it; open it in a browser",
+    ),
+    Format(
+        "splat", "SPLAT", (".splat",), "application/octet-stream", "Of viewers for the web, 32 bytes for each Gaussian",
+        read=lambda path, decode, up: read_splat(path, up=up), carries_record=False,
+    ),
+    Format(
+        "ksplat", "KSPLAT", (".ksplat",), "application/octet-stream", "Of the viewer GaussianSplats3D",
+        read=lambda path, decode, up: read_ksplat(path, up=up), carries_record=False,
+    ),
+)  # fmt: skip
+"""All formats, in the order in which they are offered."""
+DEFAULT_FORMAT = "glb"
+"""What is recommended: other programs show it upright, and it holds the record."""
+
+
+def format_of(name: str) -> Format:
+    """Return the format called `name`.
+
+    Raises
+    ------
+    SettingsError
+        When there is none.
+    """
+    found = next((one for one in FORMATS if one.name == name), None)
+    if found is None:
+        raise SettingsError(f"There is no format {name!r}. Choose one of {', '.join(one.name for one in FORMATS)}.")
+    return found
+
+
+def write_scene(path: Path, gaussians: Gaussians, name: str, facts: FileFacts, tools: WritingTools) -> None:
+    """Write `gaussians` in the format called `name`, atomically, replacing an existing file.
+
+    Parameters
+    ----------
+    path : Path
+    gaussians : Gaussians
+        In the engine's world (Z up), before the transform of `facts`.
+    name : str
+        Of a format with a writer.
+    facts : FileFacts
+        What the format has no place for is left out.
+    tools : WritingTools
+
+    Raises
+    ------
+    SettingsError
+        When there is no such format, or Gaussians alone do not make a file of it.
+    HeritageError
+        As the writer of the format: when a value is not finite or too far away, or the file cannot be written.
+    """
+    write = format_of(name).write
+    if write is None:
+        writable = ", ".join(one.name for one in FORMATS if one.write is not None)
+        raise SettingsError(f"{path} cannot be written in the format {name}. Choose one of {writable}.")
+    write(path, gaussians, facts, tools)
