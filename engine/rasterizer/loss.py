@@ -19,6 +19,7 @@ from .loss_kernels import (
     plane_layout,
     similarity_and_maps,
 )
+from .settings import LAMBDA_DSSIM
 from .threads import Share, run_shared
 
 __all__ = ["Target", "photometric_loss", "ssim"]
@@ -196,7 +197,7 @@ def photometric_loss(
     image: torch.Tensor,
     target: torch.Tensor | Target,
     *,
-    lambda_dssim: float = 0.2,
+    lambda_dssim: float = LAMBDA_DSSIM,
     valid: torch.Tensor | None = None,
     threads: int | None = None,
 ) -> torch.Tensor:

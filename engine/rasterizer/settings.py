@@ -18,6 +18,7 @@ __all__ = [
     "DIRECTION_NORM_MIN",
     "INVERSE_ALPHA_MIN",
     "JACOBIAN_MARGIN",
+    "LAMBDA_DSSIM",
     "MAX_CHANNELS",
     "MAX_REFUSED_STEPS",
     "QUAT_NORM2_MIN",
@@ -73,6 +74,9 @@ RADIUS_SIGMAS = 3.0
 MAX_CHANNELS = 64
 """Largest number of channels of an image. It bounds the scratch memory of a thread: the backward pass copies the
 incoming gradient of a tile, which takes 64 KiB with 64 channels and fits the second-level cache."""
+
+LAMBDA_DSSIM = 0.2
+"""Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
 
 MAX_REFUSED_STEPS = 20
 """Training steps without an update, because a gradient is not finite, after which training fails."""
@@ -164,7 +168,7 @@ class StepSettings:
     raster : RasterSettings
     """
 
-    lambda_dssim: float = 0.2
+    lambda_dssim: float = LAMBDA_DSSIM
     lambda_exposure: float = 0.0
     lambda_scale: float = 0.0
     limits: StepLimits | None = None

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from .card_settings import key_values, settings_with_sizes, sizes_on_card
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .coverage import WELL_SEEN, Coverage
-    from .earlier_releases import former_settings
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
     from .parameters import Parameters, render
@@ -43,7 +42,6 @@ __all__ = [
     "TrainingView",
     "background_gaussians",
     "delete_old_runs",
-    "former_settings",
     "gaussians_so_far",
     "is_held_out",
     "key_values",

@@ -9,7 +9,7 @@ from ..rasterizer.settings import StepLimits, StepSettings
 from .checkpoint import RunState
 from .densify import MAX_RAISED_OPACITY, MAX_WALK
 from .guards import MAX_ASPECT, MAX_DISTANCE, MAX_LOGIT, MAX_SCALE, MIN_SCALE
-from .losses import N_FAR, LabelledPixels, drawn_anchors, drawn_of_paper, drawn_pixels
+from .losses import LAMBDA_PULL, LAMBDA_PUSH, N_FAR, LabelledPixels, drawn_anchors, drawn_of_paper, drawn_pixels
 from .schedule import ANCHORS, SAMPLE, Schedule
 from .settings import FeatureSettings
 from .step import clustering_scale, clusters, regularises
@@ -32,7 +32,6 @@ def step_settings(inputs: Inputs) -> StepSettings:
         max_logit=MAX_LOGIT,
     )
     return StepSettings(
-        lambda_dssim=settings.loss.lambda_dssim,
         lambda_exposure=settings.appearance.lambda_exposure if settings.appearance.exposure else 0.0,
         lambda_scale=settings.loss.lambda_scale / extent,
         limits=limits,
@@ -107,11 +106,10 @@ def _clustering(
 def _regulariser(
     state: RunState, n: int, extent: float, features: FeatureSettings, generator: torch.Generator
 ) -> NeighbourSample | PaperSample:
-    weights = features.lambda_pull, features.lambda_push
     if features.regularisation == "paper":
         subset, anchors = drawn_of_paper(n, generator)
-        return PaperSample(subset.numpy(), anchors.numpy(), *weights)
+        return PaperSample(subset.numpy(), anchors.numpy(), LAMBDA_PULL, LAMBDA_PUSH)
     assert state.neighbours is not None
     anchors, tries = drawn_anchors(n, generator)
     near = state.neighbours[anchors]
-    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent, *weights)
+    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent, LAMBDA_PULL, LAMBDA_PUSH)

@@ -37,6 +37,10 @@ N_FAR = 5  # published: Dahaghin et al. 2024
 N_FAR_CANDIDATES = 16  # chosen on museum_room
 """Random Gaussians per anchor among which far ones are searched."""
 
+LAMBDA_PULL = 0.05  # published: Dahaghin et al. 2024
+LAMBDA_PUSH = 0.15  # published: Dahaghin et al. 2024
+"""Weights of the two parts of L_reg, as the paper states them: see docs/paper.md."""
+
 PAPER_SUBSET = 300_000  # published: Dahaghin et al. 2024
 """Random Gaussians that `paper_regulariser` is restricted to, as in the released code."""
 
@@ -177,8 +181,8 @@ def neighbour_regulariser(
     neighbours: torch.Tensor,
     *,
     far: float,
-    lambda_pull: float,
-    lambda_push: float,
+    lambda_pull: float = LAMBDA_PULL,
+    lambda_push: float = LAMBDA_PUSH,
     generator: torch.Generator,
 ) -> torch.Tensor:
     """Return L_reg with the nearest other Gaussians and random far ones.
@@ -238,8 +242,8 @@ def paper_regulariser(
     features: torch.Tensor,
     means: torch.Tensor,
     *,
-    lambda_pull: float,
-    lambda_push: float,
+    lambda_pull: float = LAMBDA_PULL,
+    lambda_push: float = LAMBDA_PUSH,
     generator: torch.Generator,
     n_near: int = 2,  # published: Dahaghin et al. 2024
     n_far: int = 5,  # published: Dahaghin et al. 2024

@@ -60,7 +60,7 @@ def step_loss(
     image = raster.image[..., :3]
     if settings.appearance.exposure:
         image = image * state.exposure[view].exp()
-    loss = photometric_loss(image, level.target, lambda_dssim=settings.loss.lambda_dssim)
+    loss = photometric_loss(image, level.target)
     if settings.appearance.exposure:
         loss = loss + settings.appearance.lambda_exposure * state.exposure[view].square().sum()
     if lambda_opacity := schedule.lambda_opacity(step):
@@ -84,7 +84,7 @@ def clusters(features: FeatureSettings, step: int, level: Level) -> bool:
 
 def regularises(features: FeatureSettings, step: int, n: int) -> bool:
     """Return whether L_reg of `n` Gaussians is evaluated in the step."""
-    return n > 1 and step % features.regularisation_interval == 0 and features.lambda_pull + features.lambda_push > 0
+    return n > 1 and step % features.regularisation_interval == 0
 
 
 def neighbours_are_stale(state: RunState, step: int, n: int) -> bool:
@@ -125,22 +125,8 @@ def _regulariser(state: RunState, generator: torch.Generator, settings: FeatureS
     values = state.parameters.values
     features = blended_features(values, settings)
     if settings.regularisation == "paper":
-        return paper_regulariser(
-            features,
-            values["means"],
-            lambda_pull=settings.lambda_pull,
-            lambda_push=settings.lambda_push,
-            generator=generator,
-        )
+        return paper_regulariser(features, values["means"], generator=generator)
     if neighbours_are_stale(state, state.step, len(state.parameters)):
         state.neighbours, state.neighbours_step = nearest_neighbours(values["means"]), state.step
     assert state.neighbours is not None
-    return neighbour_regulariser(
-        features,
-        values["means"],
-        state.neighbours,
-        far=extent,
-        lambda_pull=settings.lambda_pull,
-        lambda_push=settings.lambda_push,
-        generator=generator,
-    )
+    return neighbour_regulariser(features, values["means"], state.neighbours, far=extent, generator=generator)

@@ -23,10 +23,7 @@ RETIRED = {
 """Pattern: what to say instead."""
 
 ALLOWED = {
-    "engine/cli/commands/deprecated.py",  # its example
-    "tests/engine/cli/commands/test_deprecated.py",
     "CHANGELOG.md",  # names what was renamed
-    "engine/cli/commands/reconstruct.py",  # the old option
     "tests/contracts/test_language.py",
     "tests/engine/training/test_settings.py",  # an old name of a setting
 }

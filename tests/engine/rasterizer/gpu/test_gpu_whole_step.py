@@ -18,7 +18,15 @@ from engine.rasterizer.gpu import (
 from engine.rasterizer.settings import StepLimits, StepSettings
 from engine.training import guards
 from engine.training.checkpoint import RunState
-from engine.training.losses import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, labelled_pixels, nearest_neighbours
+from engine.training.losses import (
+    LAMBDA_PULL,
+    LAMBDA_PUSH,
+    N_ANCHORS,
+    N_FAR,
+    N_FAR_CANDIDATES,
+    labelled_pixels,
+    nearest_neighbours,
+)
 from engine.training.schedule import ANCHORS, SAMPLE, Schedule
 from engine.training.settings import PAPER_PIXELS, TrainingSettings
 from engine.training.step import step_loss
@@ -69,8 +77,7 @@ def plan(step: int, schedule: Schedule, levels: list[Level], neighbours: torch.T
         anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
         tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
         regulariser = NeighbourSample(
-            anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, EXTENT, features.lambda_pull,
-            features.lambda_push,
+            anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, EXTENT, LAMBDA_PULL, LAMBDA_PUSH,
         )  # fmt: skip
     if clustering is None and regulariser is None:
         del rates["features"]
@@ -93,7 +100,7 @@ def test_steps_with_all_terms_are_those_of_the_processors_trainer(opened_gpu: Gp
         guards.MAX_ASPECT, guards.MAX_LOGIT,
     )  # fmt: skip
     settings = StepSettings(
-        lambda_dssim=SETTINGS.loss.lambda_dssim, lambda_scale=SETTINGS.loss.lambda_scale / EXTENT,
+        lambda_scale=SETTINGS.loss.lambda_scale / EXTENT,
         lambda_exposure=SETTINGS.appearance.lambda_exposure, unit_features=True, limits=limits,
     )  # fmt: skip
     before = arrays(state.parameters)
