@@ -175,7 +175,7 @@ _HEAD = """# Hostile projects and .blend files
 
 Made by `make hostile` in {minutes:.0f} minutes: {n_cases} cases, {n_steps} commands and buttons.
 
-Each case is a finished project of the first release that was changed with bad intent, or a `.blend` file. It lies in a
+Each case is a finished project that was changed with bad intent, or a `.blend` file. It lies in a
 folder tree with a curator's own files beside it. Each command of the engine gets a fresh copy of the project:
 {commands}.
 A hostile package is put through `verify`.

@@ -1,4 +1,4 @@
-"""Hostile projects: each case changes a finished project of the first release as somebody with bad intent would."""
+"""Hostile projects: each case changes a finished project as somebody with bad intent would."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from .kills_process import ROOT
+from tests.engine.finished_project import write_finished_project
 
 __all__ = ["CASES", "HONEST", "Case", "Sandbox"]
 
-FIXTURE = ROOT / "tests" / "fixtures" / "first_release"
 PHOTO = "view_08.jpg"
 
 
@@ -69,16 +68,14 @@ class Sandbox:
     def make(self, case: Case) -> None:
         """Make everything anew, and the project hostile."""
         shutil.rmtree(self.root, ignore_errors=True)
-        shutil.copytree(FIXTURE, self.root / "sent")
-        shutil.copytree(FIXTURE / "project", self.precious / "project")
-        shutil.copytree(FIXTURE / "project" / "objects" / "teapot", self.precious / "objects" / "vase")
+        write_finished_project(self.root / "sent", recorded=False)
+        shutil.copytree(self.project, self.precious / "project")
+        shutil.copytree(self.project / "objects" / "teapot", self.precious / "objects" / "vase")
         (self.precious / "empty").mkdir()
         (self.precious / "notes.txt").write_text("not to be lost", encoding="utf-8")
         Image.new("L", (256, 192), 255).save(self.precious / "x.jpg")
         for folder in (self.exports, self.user):
             folder.mkdir()
-        self.edit("project.json", lambda data: data.update(photo_folder=str(self.photos)))
-        self.edit("photos/photos.json", lambda data: data.update(folder=str(self.photos)))
         if self.embeddings is not None:
             shutil.copytree(self.embeddings, self.project / "masks", dirs_exist_ok=True)
         self._add_candidate()
@@ -312,11 +309,10 @@ def _complete_sets(sandbox: Sandbox) -> None:
 
 def _recorded_files(data: Any) -> None:
     record = {"bytes": 1, "size": 1, "sha256": "0" * 64}
-    data.update(version=2, files={"../../../../precious/notes.txt": record, "membership.npy": record})
+    data.update(files={"../../../../precious/notes.txt": record, "membership.npy": record})
 
 
 def _stage_outputs(data: Any) -> None:
-    data["version"] = 2
     for stage in data["stages"].values():
         stage["outputs"] = {"../../precious/notes.txt": {"bytes": 1, "size": 1, "sha256": "0" * 64}}
 

@@ -13,7 +13,9 @@ from unittest import mock
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from .reader import ROOT, Reader, addon
+from tests.engine.finished_project import write_finished_project
+
+from .reader import Reader, addon
 
 __all__ = ["PROJECT", "write_object", "write_project"]
 
@@ -184,8 +186,10 @@ def _collect_facts_without_plot(folder: Path) -> object:
 
 
 def _write_reported_project(folder: Path) -> None:
-    """Take the project of release 0.1.0, which has the figures of all stages and needs a migration."""
-    shutil.copy(ROOT / "tests" / "fixtures" / "first_release" / "project" / "project.json", folder)
+    """Write a project with figures of all stages, whose outputs are left out, and an object."""
+    whole = write_finished_project(folder / "whole")
+    (whole / "project.json").rename(folder / "project.json")
+    shutil.rmtree(folder / "whole")
     write_object(folder)
 
 

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import argparse
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..core.errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
-from ..core.events import Emit, ErrorEvent, StopCheck
+from ..core.events import ErrorEvent
 from ..core.system import StopOnSignal, end_children_with_this_process, signals_held_back
-from .commands import COMMANDS, warn_of_deprecated_options
+from .commands import COMMANDS
 from .doctor import missing_package
 from .terminal import EventOutput
 
 __all__ = ["main"]
-
-Command = Callable[[argparse.Namespace, Emit, StopCheck], int]
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -54,7 +52,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     project: Path | None = options.find_project(options)
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:
-        warn_of_deprecated_options(options, output)
         end_children_with_this_process()
         with StopOnSignal() as should_stop:
             if options.uses_cameras:

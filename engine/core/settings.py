@@ -26,8 +26,7 @@ def to_dict(settings: object) -> dict[str, Any]:
     Parameters
     ----------
     settings : dataclass instance
-        The fields of a nested group of settings are stored beside its own, without the group's name. A field that was
-        renamed keeps its stored name with ``field(metadata={"stored_as": "old_name"})``.
+        The fields of a nested group of settings are stored beside its own, without the group's name.
     """
     if not is_dataclass(settings) or isinstance(settings, type):
         raise TypeError("settings must be a dataclass instance")
@@ -37,5 +36,5 @@ def to_dict(settings: object) -> dict[str, Any]:
         if is_dataclass(value):
             values.update(to_dict(value))
         else:
-            values[setting.metadata.get("stored_as", setting.name)] = value
+            values[setting.name] = value
     return values

@@ -127,7 +127,8 @@ class Format:
         Whether its files hold the number of photos that saw each Gaussian.
     needs_openusd : bool
     is_page : bool
-        Whether it is a page for a browser, which `engine.delivery.packages` writes from the Gaussians, the record and the parts.
+        Whether it is a page for a browser, which `engine.delivery.packages` writes from the Gaussians, the record and
+        the parts.
     is_packed : bool
         Whether its files are compressed already, or would hardly shrink in a zip file.
     package_note : str

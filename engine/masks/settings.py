@@ -96,8 +96,6 @@ _DEFAULT = MaskSettings()
 _PUBLISHED = replace(_DEFAULT, generator="published", grid=32, min_iou=0.88, min_stability=0.95)
 PRESETS: dict[str, MaskSettings] = {
     "default": _DEFAULT,  # about 2.5 CPU seconds per photo, 1.5 seconds on two idle cores
-    "quick": replace(_DEFAULT, max_prompts=24, grid=0),  # about two thirds of the time; small objects are missed
-    "thorough": replace(_DEFAULT, max_prompts=160, grid=12),  # about twice the time
     "published": _PUBLISHED,  # Segment Anything's own settings; more than a minute per photo
     "paper": replace(_PUBLISHED, min_iou=0.7, scales="whole", painting="score"),  # as in the paper's code
 }

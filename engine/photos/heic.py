@@ -37,7 +37,7 @@ def can_read_heic() -> bool:
     if not _is_registered:
         try:
             import pillow_heif
-        # Missing in an environment of an earlier release, or damaged.
+        # Missing in an environment that was set up before its list of packages changed, or damaged.
         except ImportError:
             return False
         # A thumbnail must not stand for the photo. Threads of its own would take memory that is not reserved; photos

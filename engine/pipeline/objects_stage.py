@@ -23,15 +23,6 @@ _FOUND_BY_PROMPT = "objects_by_prompt"
 others; ``before``: ids of all objects when these were noted.
 """
 
-_FIRST_RELEASE: dict[str, Any] = {
-    "cosine": 0.7, "n_text_views": 8, "photo_side": 1024, "render_side": 480, "erode_pixels": 2, "parts": 6,
-    "part_purity": 0.6, "refinement": "votes", "n_vote_views": 24, "vote_rounds": 2, "keep_given": True,
-    "completion": "none", "outlier_iqr": 1.0, "same_object": 0.4, "n_rescored": 4, "n_groups": 4, "n_crop_views": 6,
-    "least_candidate": 0.12, "least_score": 0.45, "relative_score": 0.85, "max_objects": 8, "n_level_views": 8,
-    "level_gain": 1.3, "polish_steps": 200,
-}  # fmt: skip
-"""Settings of release 0.1.0, which are part of the key of its results: what it found stays as it is."""
-
 
 def objects_stage(
     runner: StageRunner,
@@ -54,7 +45,6 @@ def objects_stage(
         Returns what to render on; called only if the stage is not done. The key does not depend on it.
     """
     key = stage_key(runner.key_of("training"), tuple(prompts), to_dict(settings))
-    former_key = stage_key(runner.key_of("training"), tuple(prompts), _FIRST_RELEASE)
 
     def compute() -> dict[str, Any]:
         from ..masks import load_sam
@@ -90,9 +80,8 @@ def objects_stage(
 
     _forget_damaged_objects(runner, key if prompts else None)
     if prompts:
-        former = [former_key] if settings == SegmentSettings() else []
         made_with = {**to_dict(settings), "prompts": list(prompts), "sam_model": sam_model}
-        runner.run("objects", key, compute, settings=made_with, former_keys=former)
+        runner.run("objects", key, compute, settings=made_with)
 
 
 def forget_found_objects(runner: StageRunner) -> None:

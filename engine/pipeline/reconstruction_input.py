@@ -71,11 +71,6 @@ def read_input(project: Path) -> ReconstructionInput:
     """
     folder = ProjectFolder.open_existing(project)
     stored = folder.get(_NAME)
-    if stored is None:
-        # Of a release that stored the folder alone. Given cameras were of some file that is not known.
-        plan = folder.get("work_plan") or {}
-        known = isinstance(folder.get("photo_folder"), str) and plan.get("poses_given") is False
-        stored = {"photos": folder.get("photo_folder")} if known else None
     if stored is None or check(stored, _SCHEMA) is not None:
         raise ProjectError(
             f"{project} does not say what its scene was made from. Import its photo folder again, with the project "

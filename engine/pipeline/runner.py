@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..core.errors import Cancelled, HeritageError
+from ..core.errors import Cancelled
 from ..core.events import Emit, StageFinished, StageStarted, StopCheck, Warned
 from ..core.files import delete_derived
 from ..core.system import PeakMemory, cpu_seconds
 from ..project.folder import ProjectFolder
 from ..project.provenance import describe_run
 
-__all__ = ["Outputs", "StageRunner"]
+__all__ = ["StageRunner"]
 
 _BEGUN = "begun"
 """Name in ``project.json`` of the stage that was begun last and its key: what it took is then not measured whole."""
-
-Outputs = Mapping[Path, Callable[[], object] | None]
-"""Files that a stage makes. Each has a function that reads it and raises a `HeritageError` when it is damaged: it
-checks files of release 0.1.0, whose hashes are not recorded. Without a function such a file is made again."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +45,11 @@ class StageRunner:
         stage: str,
         key: str,
         compute: Callable[[], dict[str, Any]],
-        outputs: Outputs | None = None,
+        outputs: Collection[Path] = (),
         *,
         settings: Mapping[str, Any],
-        former_keys: Iterable[str] = (),
     ) -> None:
         """Run `compute` unless `stage` is done with this `key` and its `outputs` are intact; store figures and cost.
-
-        A stage that is done with one of `former_keys`, which earlier releases gave the same request, stays done.
 
         `settings` are the parameters of the stage, recorded with versions, commit and time.
 
@@ -64,10 +57,9 @@ class StageRunner:
         """
         if self.should_stop():
             raise Cancelled(f"Stopped before the stage {stage!r}. Run the same command again to continue.")
-        outputs = outputs or {}
         self.emit(StageStarted(stage))
         wall, cpu = time.perf_counter(), cpu_seconds()
-        done = any(self.project.stage_is_done(stage, one) for one in (key, *former_keys))
+        done = self.project.stage_is_done(stage, key)
         damaged = self._damaged(stage, outputs) if done else {}
         reused = done and not damaged
         if not reused:
@@ -95,28 +87,12 @@ class StageRunner:
             self.computed.append(stage)
         self.emit(StageFinished(stage, time.perf_counter() - wall, reused))
 
-    def _damaged(self, stage: str, outputs: Outputs) -> dict[str, str]:
-        """Return the outputs that are missing or damaged, and in which way; record those that are not recorded yet."""
+    def _damaged(self, stage: str, outputs: Collection[Path]) -> dict[str, str]:
+        """Return the outputs that are missing or damaged, and in which way."""
         damaged = self.project.damaged_outputs(stage)
         recorded = self.project.recorded_outputs(stage)
-        readable = []
-        for path, read in outputs.items():
-            name = path.relative_to(self.project.path).as_posix()
-            if name in recorded:
-                continue
-            if not path.is_file():
-                damaged[name] = "is missing"
-            elif read is None:
-                damaged[name] = "cannot be checked"
-            else:
-                try:
-                    read()
-                    readable.append(path)
-                except HeritageError:
-                    damaged[name] = "was damaged"
-        if readable:
-            self.project.record_outputs(stage, readable)
-        return damaged
+        names = [path.relative_to(self.project.path).as_posix() for path in outputs]
+        return damaged | {name: "is not recorded" for name in names if name not in recorded}
 
     def before_replacing_outputs(self, stage: str) -> None:
         """Mark `stage` as not done before its files are replaced: after a kill they must not count as done."""

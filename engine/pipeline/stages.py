@@ -7,7 +7,6 @@ packages are imported inside the functions, so that a stage that is reused costs
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -17,7 +16,7 @@ from typing import Any
 from ..cameras.settings import CameraSettings
 from ..core.errors import EnvironmentProblem, FormatError, ProjectError
 from ..core.events import Progress, Warned
-from ..core.files import delete_derived, file_sha256, read_json, record_of, write_json
+from ..core.files import delete_derived, file_sha256, record_of, write_json
 from ..core.settings import to_dict
 from ..masks import MasksBeside
 from ..masks.settings import MaskSettings
@@ -94,12 +93,8 @@ def photos_stage(
     listing = file_listing(folder, picture_files(folder, without=photo_masks))
     mask_listing: list[Any] = [] if photo_masks is None else [file_listing(photo_masks, mask_files(photo_masks))]
     mask_listing += [] if background_sam is None else [background_sam]
-    outputs = {
-        stored: lambda: read_photo_set(stored),
-        stored_statistics: lambda: read_photo_statistics(stored_statistics),
-    }
     key = stage_key(listing, to_dict(settings), *mask_listing)
-    runner.run("photos", key, compute, outputs, settings=to_dict(settings))
+    runner.run("photos", key, compute, [stored, stored_statistics], settings=to_dict(settings))
     photo_set = replace(read_photo_set(stored), folder=folder)
     if background_sam is not None:
         # The project may have moved since.
@@ -203,11 +198,7 @@ def cameras_stage(
             "health": None if camera_set.health is None else asdict(camera_set.health),
         }
 
-    poses, points = folder / "cameras.json", folder / "points.npz"
-    outputs = {
-        poses: lambda: read_json(poses, {"cameras": [dict]}, advice="Run `reconstruct` again."),
-        points: lambda: read_camera_set(folder),
-    }
+    outputs = [folder / "cameras.json", folder / "points.npz"]
     runner.run("cameras", key, compute, outputs, settings=to_dict(settings))
     return read_camera_set(folder)
 
@@ -239,7 +230,7 @@ def masks_stage(
     beside : MasksBeside or None
         What the cameras stage may have started. It is ended, and the stage makes the label maps that are missing.
     """
-    from ..masks import label_map_path, read_label_map
+    from ..masks import label_map_path
 
     folder = runner.project.path / "masks"
     if not plan.mask_photos:
@@ -277,8 +268,8 @@ def masks_stage(
 
     hashes = [[photo.name, photo.sha256] for photo in photo_set.photos if photo.name in plan.mask_photos]
     paths = {name: label_map_path(folder, name) for name in plan.mask_photos}
-    outputs = {path: functools.partial(read_label_map, path) for path in paths.values()}
-    runner.run("masks", stage_key(hashes, to_dict(settings)), compute, outputs, settings=to_dict(settings))
+    key = stage_key(hashes, to_dict(settings))
+    runner.run("masks", key, compute, list(paths.values()), settings=to_dict(settings))
     return paths
 
 
@@ -337,14 +328,12 @@ def training_stage(
     EnvironmentProblem
         When memory is full, or the graphics card stops working. The next run continues from the last checkpoint.
     """
-    from ..training import former_settings, key_values
+    from ..training import key_values
 
     # Not the whole plan: its sentences about what is left out may change without a change of the result.
     inputs = [given.cameras_key, given.masks_key]
     decided = [plan.held_out, plan.mask_photos, plan.features]
     key = stage_key(inputs, decided, key_values(settings))
-    n_training = len(given.photo_set.photos) - len(plan.held_out)
-    former = former_settings(settings, preset=preset, n_training=n_training)
     folder = runner.project.path / "gaussians"
 
     def before_replacing(scene: Path) -> None:
@@ -392,15 +381,10 @@ def training_stage(
             "n_gaussians": len(result.gaussians),
         }
 
-    from ..formats import read_ply
-    from ..training import FEATURES_FILE, SCENE_FILE, load_features
+    from ..training import FEATURES_FILE, SCENE_FILE
 
-    scene, features = folder / SCENE_FILE, folder / FEATURES_FILE
-    outputs: dict[Path, Callable[[], object]] = {scene: lambda: read_ply(scene)}
-    if given.label_maps:
-        outputs[features] = lambda: load_features(features)
-    former_keys = [stage_key(inputs, decided, values) for values in former]
-    runner.run("training", key, compute, outputs, settings=to_dict(settings), former_keys=former_keys)
+    outputs = [folder / name for name in ((SCENE_FILE, FEATURES_FILE) if given.label_maps else (SCENE_FILE,))]
+    runner.run("training", key, compute, outputs, settings=to_dict(settings))
 
 
 def _discard_objects(runner: StageRunner) -> None:
@@ -433,4 +417,4 @@ def report_stage(runner: StageRunner, *, find_device: Callable[[], Device]) -> N
 
     page = runner.project.path / "report" / "report.html"
     key = stage_key([runner.key_of(stage) for stage in STAGES[:-1]])
-    runner.run("report", key, compute, {page: None}, settings={})
+    runner.run("report", key, compute, [page], settings={})

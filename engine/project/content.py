@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..core.errors import CameraError, FormatError, ObjectError, ProjectError
 from ..core.files import ArraySpec, is_as_recorded, object_file, path_within, read_array
 from ..scene import Camera, read_camera_set
-from .folder import PROJECT_FILE
+from .folder import PROJECT_FILE, ProjectFolder
 from .objects import RECORD_FILE, read_record, recorded_files
 
 __all__ = [
@@ -80,8 +80,11 @@ def scene_file(project: Path) -> Path:
     Raises
     ------
     ProjectError
-        When `project` contains no finished scene.
+        When `project` is no project, or contains no finished scene.
+    FormatError
+        When its ``project.json`` is damaged or of a format number that is not known.
     """
+    ProjectFolder.open_existing(project)
     file = path_within(project, "gaussians", "scene.ply")
     if not file.is_file():
         raise ProjectError(

@@ -33,7 +33,7 @@ from ..core.files import (
 )
 from ..core.system import try_lock
 from ..core.visible_text import visible
-from .versions import MIGRATIONS, PROJECT_VERSION, SCHEMAS
+from .versions import PROJECT_SCHEMA, PROJECT_VERSION
 
 __all__ = ["PROJECT_FILE", "SCENE_OUTPUT", "ProjectFolder", "hold_mark", "stage_key"]
 
@@ -108,6 +108,8 @@ class ProjectFolder:
         ------
         ProjectError
             When `path` is not a project.
+        FormatError
+            When its ``project.json`` is damaged or of a format number that is not known.
         """
         if not (path / PROJECT_FILE).is_file():
             raise ProjectError(f"{path} is not a Gaussian Heritage project (it has no {PROJECT_FILE}).")
@@ -117,7 +119,9 @@ class ProjectFolder:
 
     def _read(self) -> None:
         file = self.path / PROJECT_FILE
-        self._data = read_versioned(file, SCHEMAS, MIGRATIONS, advice="Use a new folder for the scene.")
+        self._data = read_versioned(
+            file, PROJECT_SCHEMA, version=PROJECT_VERSION, advice="Use a new folder for the scene."
+        )
 
     def _write(self) -> None:
         write_json(self.path / PROJECT_FILE, self._data)
@@ -237,24 +241,23 @@ class ProjectFolder:
         """Mark `stages` as not done. What is recorded of their outputs is kept until they are done again."""
         forgotten = {stage: self._data["stages"].pop(stage) for stage in stages if stage in self._data["stages"]}
         for stage, record in forgotten.items():
-            self._data["earlier_outputs"][stage] = record["outputs"] or {}
+            self._data["earlier_outputs"][stage] = record["outputs"]
         if forgotten:
             self._write()
 
     def recorded_outputs(self, stage: str) -> dict[str, FileRecord]:
         """Return what is recorded of the outputs of `stage`, by path relative to the project.
 
-        Of a stage that is not done any more, these are the outputs that it had; empty when nothing is recorded, as in
-        projects of release 0.1.0.
+        Of a stage that is not done any more, these are the outputs that it had; empty when nothing is recorded.
         """
         record = self._data["stages"].get(stage)
-        outputs = self._data["earlier_outputs"].get(stage) if record is None else record["outputs"]
-        return dict(outputs or {})
+        outputs = self._data["earlier_outputs"].get(stage, {}) if record is None else record["outputs"]
+        return dict(outputs)
 
     def record_outputs(self, stage: str, outputs: Iterable[Path]) -> None:
         """Record size and SHA-256 of more outputs of `stage`, which must be done; raises as `finish_stage` does."""
         record = self._data["stages"][stage]
-        record["outputs"] = {**(record["outputs"] or {}), **{self._name_of(path): record_of(path) for path in outputs}}
+        record["outputs"] = {**record["outputs"], **{self._name_of(path): record_of(path) for path in outputs}}
         self._write()
 
     def damaged_outputs(self, stage: str) -> dict[str, str]:
@@ -267,7 +270,7 @@ class ProjectFolder:
         return found
 
     def require_intact(self, *stages: str) -> None:
-        """Check the outputs of `stages` before they are used. What was not recorded is left to the files' readers.
+        """Check the recorded outputs of `stages` before they are used; other files are checked by their readers.
 
         Raises
         ------

@@ -18,7 +18,7 @@ __all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found"]
 
 _FILE = ("objects", "candidates.json")
 _SCHEMA = {
-    "refused": [{"message": str, "text": optional(str), "suggestions": optional([str]), "objects": optional([str])}],
+    "refused": [{"message": str, "text": str, "suggestions": optional([str]), "objects": optional([str])}],
     "candidates": optional(
         [{"number": int, "text": str, "score": float, "photo": str, "picture": str, "object": optional((str, None))}]
     ),
@@ -67,7 +67,7 @@ class Refusal:
     message : str
         Why, as a sentence.
     text : str
-        The prompt; empty in files of earlier releases.
+        The prompt.
     suggestions : tuple of str
         Prompts that may have been meant.
     object_ids : tuple of str
@@ -131,7 +131,7 @@ def _refusal(entry: dict[str, Any]) -> Refusal:
     def few(name: str) -> tuple[str, ...]:
         return tuple(text[:_MAX_TEXT] for text in entry.get(name, ())[:_MAX_SUGGESTIONS])
 
-    return Refusal(entry["message"][:_MAX_TEXT], entry.get("text", "")[:_MAX_TEXT], few("suggestions"), few("objects"))
+    return Refusal(entry["message"][:_MAX_TEXT], entry["text"][:_MAX_TEXT], few("suggestions"), few("objects"))
 
 
 def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:

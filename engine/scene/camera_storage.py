@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError
-from ..core.files import ArraySpec, atomic_write, optional, read_arrays, read_versioned, write_json
+from ..core.files import ArraySpec, atomic_write, read_arrays, read_versioned, write_json
 from .camera import MAX_COORDINATE, Camera, CameraSet
 from .camera_health import HEALTH_COLOURS, CameraHealth
 from .lens import lens_problem
@@ -29,8 +29,8 @@ _SCHEMA = {
     "reprojection_error": (float, None),
     "original_from_world": [[float]],
     "unregistered": [str],
-    # Missing in files of earlier releases, which checked nothing, and null where nothing could be checked.
-    "health": optional(({"colour": str, "cause": str, "sentence": str, "refuted": [str]}, None)),
+    # Null where nothing could be checked.
+    "health": ({"colour": str, "cause": str, "sentence": str, "refuted": [str]}, None),
     "cameras": [{"photo": str, "width": int, "height": int, "model": str, "params": [float], "viewmat": [[float]]}],
 }
 _ARRAYS = {"points": ArraySpec("float32", ("n", 3), finite=True), "colors": ArraySpec("uint8", ("n", 3))}
@@ -89,7 +89,7 @@ def read_camera_set(path: Path) -> CameraSet:
     if not file.is_file():
         raise FormatError(f"{file} is missing. Run `reconstruct` first.")
     advice = f"Delete the folder {path} and run `reconstruct` again."
-    data = read_versioned(file, (_SCHEMA,), (), advice=advice)
+    data = read_versioned(file, _SCHEMA, version=_VERSION, advice=advice)
     arrays = read_arrays(path / _POINTS, _ARRAYS, advice=advice)
     error = data["reprojection_error"]
     try:
@@ -101,7 +101,7 @@ def read_camera_set(path: Path) -> CameraSet:
             reprojection_error=math.nan if error is None else float(error),
             original_from_world=_similarity(data["original_from_world"]),
             poses_given=data["poses_given"],
-            health=_health(data.get("health")),
+            health=_health(data["health"]),
         )
     except ValueError as problem:
         raise FormatError(f"{file} cannot be read: {problem}. {advice}") from problem

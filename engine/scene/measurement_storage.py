@@ -70,7 +70,7 @@ def load_measurement(project: Path) -> Measurement:
     file = path_within(project, _FILE)
     if not file.exists():
         return Measurement()
-    data = read_versioned(file, (_SCHEMA,), (), advice=_ADVICE)
+    data = read_versioned(file, _SCHEMA, version=_VERSION, advice=_ADVICE)
     try:
         north = data.get("north")
         if north is not None and len(north) != 2:

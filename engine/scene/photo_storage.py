@@ -55,7 +55,7 @@ def read_photo_set(path: Path) -> PhotoSet:
         When the file is missing, damaged or written by another version, or a photo has an impossible name or size.
     """
     advice = "Delete it and run `reconstruct` again."
-    data = read_versioned(path, (_SCHEMA,), (), advice=advice)
+    data = read_versioned(path, _SCHEMA, version=_VERSION, advice=advice)
     try:
         return PhotoSet(
             folder=_path(data["folder"]),

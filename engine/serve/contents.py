@@ -142,7 +142,7 @@ def _scene(project: WebProject) -> dict[str, Any] | None:
 
 
 def _health(cameras: dict[str, Any]) -> dict[str, Any]:
-    """Return the finding of the check of the cameras; empty where an earlier release made them."""
+    """Return the finding of the check of the cameras; empty where nothing was checked."""
     found = (cameras.get("figures") or {}).get("health")
     return found if isinstance(found, dict) else {}
 

@@ -57,9 +57,8 @@ class Trash:
             return []
         found = []
         for holder in sorted((Path(entry) for entry in os.scandir(self._folder)), reverse=True):
-            content = sorted(os.listdir(holder)) if holder.is_dir() and not holder.is_symlink() else []
-            # An earlier release moved a project here as the holder itself.
-            found += [TrashItem(holder.name, holder / content[0] if len(content) == 1 else holder)] if content else []
+            content = os.listdir(holder) if holder.is_dir() and not holder.is_symlink() else []
+            found += [TrashItem(holder.name, holder / name) for name in content[:1]]
         return found
 
     def find(self, item_id: str) -> TrashItem | None:

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .compilation import compile_kernels
     from .coverage import WELL_SEEN, Coverage
-    from .earlier_releases import former_settings
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
     from .losses import Target, photometric_loss, ssim
@@ -51,7 +50,6 @@ __all__ = [
     "background_gaussians",
     "compile_kernels",
     "delete_old_runs",
-    "former_settings",
     "gaussians_so_far",
     "is_held_out",
     "key_values",

@@ -33,6 +33,9 @@ __all__ = [
 MAX_COPIES = 51  # Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
 
+_MIN_OPACITY = 0.005  # Kheradmand et al. 2024
+"""Gaussians of a lower opacity are relocated."""
+
 OPACITY_MARGIN = 1e-6
 """Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
 
@@ -89,7 +92,9 @@ _BINOMIALS = torch.tensor(
 )
 
 
-def relocate(parameters: Parameters | Population, *, min_opacity: float, generator: torch.Generator) -> int:
+def relocate(
+    parameters: Parameters | Population, *, min_opacity: float = _MIN_OPACITY, generator: torch.Generator
+) -> int:
     """Move each Gaussian of opacity below `min_opacity` onto a living one, drawn by opacity; return how many moved.
 
     The picture stays the same to first order (`copy_correction`). Nothing is moved when all Gaussians are dead.

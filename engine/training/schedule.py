@@ -12,7 +12,7 @@ import torch
 from .settings import TrainingSettings, validation_photos
 from .spectrum import TYPICAL_SHARES
 
-__all__ = ["ANCHORS", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "Schedule"]
+__all__ = ["ANCHORS", "COOLDOWN_END", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "Schedule"]
 
 SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP = 1, 2, 3, 4, 5, 6
 """Purposes of random draws, see `Schedule.generator`."""
@@ -28,6 +28,13 @@ rest. See docs/design_notes/training.md."""
 TRANSIENT_SEARCHES = (0.2, 0.4)  # chosen on museum_room
 """Fractions of the steps after which transients are searched. Each search replaces the result of the one before:
 Gaussians that fitted a transient fade once its pixels are left out."""
+
+_COARSE_UNTIL = 0.5  # chosen on museum_room, sakharov_statue32
+"""Fraction of the steps that smaller pictures would take if full size added no detail. Each size takes as much of it as
+the share of the photos' detail that it adds."""
+
+COOLDOWN_END = 0.05  # chosen on museum_room, sakharov_statue32
+"""Factor that the cooldown applies to the learning rates at its end; exponential."""
 
 
 class Schedule:
@@ -73,7 +80,7 @@ class Schedule:
         self._n_views = n_views
         self._labelled = labelled
         self._extent = extent
-        coarse = settings.schedule.coarse_until * settings.schedule.steps
+        coarse = _COARSE_UNTIL * settings.schedule.steps
         self._coarse_ends = [coarse * share for share in shares[1 : 2 * settings.schedule.coarse_levels + 1]]
         self._cooling_steps = round(settings.schedule.cooldown * settings.schedule.steps)
         per_step = [SIZE_INDEPENDENT_WORK + self.scale(step) ** 2 for step in range(settings.schedule.steps)]
@@ -159,7 +166,7 @@ class Schedule:
 
     def _cooled(self, step: int) -> float:
         done = step - self._cooling_start
-        return float(self._settings.schedule.cooldown_end ** (done / self._cooling_steps)) if done > 0 else 1.0
+        return float(COOLDOWN_END ** (done / self._cooling_steps)) if done > 0 else 1.0
 
     def learning_rates(self, step: int) -> dict[str, float]:
         """Return the learning rate of every parameter at the step."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, fields, is_dataclass, replace
 from typing import Any, Literal
 
 from ..core.errors import SettingsError
@@ -17,6 +17,7 @@ from ..rasterizer.settings import Backend
 from .setting_checks import require_at_least, require_choice, require_factor, require_fraction, require_positive
 
 __all__ = [
+    "LAMBDA_DSSIM",
     "DEFAULT_PRESET",
     "MIN_PHOTOS_TO_CHOOSE",
     "OFFERED_PRESETS",
@@ -37,6 +38,9 @@ __all__ = [
 
 PAPER_PIXELS = 980 * 735  # Dahaghin et al. 2024
 """Pixels of the pictures in the paper (Dahaghin et al. 2024), for which its pixel counts and sums over pixels hold."""
+
+LAMBDA_DSSIM = 0.2
+"""Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
 
 _MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
 """Least number of times that a trial trains on each photo."""
@@ -79,13 +83,8 @@ class ScheduleSettings:
         Longest side of the training pictures, pixels.
     coarse_levels : int
         Number of times that the pictures are halved at the start.
-    coarse_until : float
-        Fraction of the steps that smaller pictures would take if full size added no detail. Each size takes as much of
-        it as the share of the photos' detail that it adds.
     cooldown : float
         Fraction of the steps, at the end, in which all learning rates fall further and no Gaussians are added.
-    cooldown_end : float
-        Factor that the cooldown applies to the learning rates at its end; exponential.
     checkpoint_interval : int
         Steps between two checkpoints.
     """
@@ -94,9 +93,7 @@ class ScheduleSettings:
     rounds: int = 72  # chosen on museum_room, sakharov_statue32, banana16
     max_side: int = 640  # chosen on museum_room
     coarse_levels: int = 2  # chosen on museum_room
-    coarse_until: float = 0.5  # chosen on museum_room, sakharov_statue32
     cooldown: float = 0.1  # chosen on museum_room, sakharov_statue32
-    cooldown_end: float = 0.05  # chosen on museum_room, sakharov_statue32
     checkpoint_interval: int = 500
 
     def __post_init__(self) -> None:
@@ -104,8 +101,7 @@ class ScheduleSettings:
         require_at_least(self, 0, "rounds", "coarse_levels")
         require(self, "coarse_levels", self.coarse_levels <= 5, "at most 5")
         require(self, "max_side", self.max_side >= 16, "at least 16 pixels")
-        require_fraction(self, "coarse_until", "cooldown")
-        require_factor(self, "cooldown_end")
+        require_fraction(self, "cooldown")
 
 
 @dataclass(frozen=True)
@@ -143,12 +139,10 @@ class OptimiserSettings:
 
 @dataclass(frozen=True)
 class LossSettings:
-    """Weights of the losses on colour and on the Gaussians' size and opacity, and dropout.
+    """Weights of the losses on the Gaussians' size and opacity, and dropout.
 
     Attributes
     ----------
-    lambda_dssim : float
-        Share of 1 - SSIM in the photometric loss, 0 to 1.
     lambda_opacity, lambda_opacity_end : float
         Weights of the mean opacity before and after Gaussians are first added. Without them, Gaussians as black as the
         background cover it; a large second one leaves all translucent, so that masks show less of an object.
@@ -158,14 +152,12 @@ class LossSettings:
         Fraction of the Gaussians left out of the last training picture; it rises from 0, see `densify.drop`.
     """
 
-    lambda_dssim: float = 0.2  # Kerbl et al. 2023
     lambda_opacity: float = 0.01  # chosen on museum_room, stability_scenes
     lambda_opacity_end: float = 0.0001  # chosen on more_rooms, stability_scenes
     lambda_scale: float = 0.002  # chosen on museum_room
     dropout: float = 0.0  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        require_fraction(self, "lambda_dssim")
         require_at_least(self, 0, "lambda_opacity", "lambda_opacity_end", "lambda_scale")
         require(self, "dropout", 0 <= self.dropout < 1, "at least 0 and less than 1")
 
@@ -191,27 +183,20 @@ class GrowthSettings:
         Steps between two relocations.
     grow_factor : float
         Factor by which the number of Gaussians grows each time, up to the largest number.
-    min_opacity : float
-        Gaussians of a lower opacity are relocated.
     noise : float
         Strength of the random walk of nearly transparent Gaussians.
     """
 
     max_gaussians: int = 40_000  # chosen on museum_room
     start_opacity: float = 0.5  # chosen on museum_room
-    background_fraction: float = field(
-        default=0.05,  # chosen on sakharov_statue32, sky_scene
-        metadata={"stored_as": "background"},
-    )
-    growth_strategy: Literal["mixed", "opacity"] = field(
-        default="mixed",  # chosen on herz_jesus25, meeting_place9, banana16, skull66, sakharov_statue32, room_3
-        metadata={"stored_as": "growth"},
+    background_fraction: float = 0.05  # chosen on sakharov_statue32, sky_scene
+    growth_strategy: Literal["mixed", "opacity"] = (
+        "mixed"  # chosen on herz_jesus25, meeting_place9, banana16, skull66, sakharov_statue32, room_3
     )
     grow_from: float = 0.03  # chosen on museum_room
     grow_until: float = 0.8  # chosen on museum_room
     grow_interval: int = 30  # chosen on museum_room
     grow_factor: float = 1.05  # Kheradmand et al. 2024
-    min_opacity: float = 0.005  # Kheradmand et al. 2024
     noise: float = 5e5  # Kheradmand et al. 2024
 
     def __post_init__(self) -> None:
@@ -222,7 +207,6 @@ class GrowthSettings:
         require_fraction(self, "grow_from", "grow_until")
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         require(self, "grow_factor", 1 <= self.grow_factor <= 2, "between 1 and 2")
-        require(self, "min_opacity", 0 < self.min_opacity < 0.5, "between 0 and 0.5")
         require_at_least(self, 0, "noise")
 
     @property
@@ -250,10 +234,6 @@ class FeatureSettings:
         Steps between two evaluations of L_CC.
     clustering_pixels : int
         Random labelled pixels of a picture that L_CC is evaluated on; 0 for all.
-    min_segment_pixels : int
-        Smaller segments are left out of L_CC. Counted at 980 x 735 pixels and scaled to the picture.
-    lambda_pull, lambda_push : float
-        Weights of the two parts of L_reg.
     regularisation_interval : int
         Steps between two evaluations of L_reg.
     regularisation : {"neighbours", "paper"}
@@ -263,23 +243,19 @@ class FeatureSettings:
         Weight of the disagreement of features along a ray; needs ``feature_init="unit"``.
     """
 
-    train_features: bool = field(default=True, metadata={"stored_as": "features"})  # Dahaghin et al. 2024
+    train_features: bool = True  # Dahaghin et al. 2024
     feature_init: Literal["unit", "paper"] = "unit"  # chosen on museum_room, store_room
     feature_gradient: Literal["detached", "joint"] = "joint"  # Dahaghin et al. 2024
     lambda_clustering: float = 1e-6  # Dahaghin et al. 2024
     clustering_interval: int = 5  # chosen on museum_room
     clustering_pixels: int = 16_384  # chosen on museum_room
-    min_segment_pixels: int = 100  # Dahaghin et al. 2024
-    lambda_pull: float = 0.05  # Dahaghin et al. 2024
-    lambda_push: float = 0.15  # Dahaghin et al. 2024
     regularisation_interval: int = 10  # chosen on museum_room
     regularisation: Literal["neighbours", "paper"] = "neighbours"  # chosen on museum_room
     lambda_ray: float = 0.01  # chosen on museum_room, store_room
 
     def __post_init__(self) -> None:
         require_at_least(self, 1, "clustering_interval", "regularisation_interval")
-        require_at_least(self, 0, "clustering_pixels", "min_segment_pixels")
-        require_at_least(self, 0, "lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray")
+        require_at_least(self, 0, "clustering_pixels", "lambda_clustering", "lambda_ray")
         require_choice(self, "feature_init", "unit", "paper")
         require_choice(self, "feature_gradient", "detached", "joint")
         require_choice(self, "regularisation", "neighbours", "paper")
@@ -315,9 +291,9 @@ class AppearanceSettings:
     sh_interval: int = 1500  # chosen on museum_room
     exposure: bool = True
     lambda_exposure: float = 0.1  # chosen on museum_room, store_room, room_6, room_8, herz_jesus25
-    transients: bool = field(default=False, metadata={"stored_as": "passers_by"})  # chosen on museum_room
-    trial_fraction: float = field(default=0.025, metadata={"stored_as": "trial"})  # chosen on museum_room
-    min_trial_gain: float = field(default=0.02, metadata={"stored_as": "trial_gain"})  # chosen on museum_room
+    transients: bool = False  # chosen on museum_room
+    trial_fraction: float = 0.025  # chosen on museum_room
+    min_trial_gain: float = 0.02  # chosen on museum_room
 
     def __post_init__(self) -> None:
         require(self, "sh_degree", 0 <= self.sh_degree <= 3, "between 0 and 3")
@@ -438,12 +414,9 @@ class TrainingSettings:
                 yield "", own
 
     def _nearest(self, name: str) -> str:
-        """Return the setting whose name, or stored name, is most like `name`."""
-        names = {setting.name: setting.name for _, setting in self.single_settings()}
-        names |= {
-            setting.metadata.get("stored_as", setting.name): setting.name for _, setting in self.single_settings()
-        }
-        return names[difflib.get_close_matches(name, names, n=1, cutoff=0.0)[0]]
+        """Return the setting whose name is most like `name`."""
+        names = [setting.name for _, setting in self.single_settings()]
+        return difflib.get_close_matches(name, names, n=1, cutoff=0.0)[0]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ import torch
 from .checkpoint import RunState
 from .densify import drop
 from .losses import (
+    LAMBDA_PULL,
+    LAMBDA_PUSH,
     N_FAR,
     ClusteringSample,
     LabelledPixels,
@@ -69,7 +71,7 @@ def step_loss(
     image = raster.image[..., :3]
     if settings.appearance.exposure:
         image = image * state.exposure[view].exp()
-    loss = photometric_loss(image, level.target, lambda_dssim=settings.loss.lambda_dssim)
+    loss = photometric_loss(image, level.target)
     if settings.appearance.exposure:
         loss = loss + settings.appearance.lambda_exposure * state.exposure[view].square().sum()
     if lambda_opacity := schedule.lambda_opacity(step):
@@ -131,7 +133,7 @@ def clusters(features: FeatureSettings, step: int, level: Level) -> bool:
 
 def regularises(features: FeatureSettings, step: int, n: int) -> bool:
     """Return whether L_reg of `n` Gaussians is evaluated in the step."""
-    return n > 1 and step % features.regularisation_interval == 0 and features.lambda_pull + features.lambda_push > 0
+    return n > 1 and step % features.regularisation_interval == 0
 
 
 def neighbours_are_stale(state: RunState, step: int, n: int) -> bool:
@@ -172,25 +174,11 @@ def _regulariser(state: RunState, generator: torch.Generator, settings: FeatureS
     values = state.parameters.values
     features = blended_features(values, settings)
     if settings.regularisation == "paper":
-        return paper_regulariser(
-            features,
-            values["means"],
-            lambda_pull=settings.lambda_pull,
-            lambda_push=settings.lambda_push,
-            generator=generator,
-        )
+        return paper_regulariser(features, values["means"], generator=generator)
     if neighbours_are_stale(state, state.step, len(state.parameters)):
         state.neighbours, state.neighbours_step = nearest_neighbours(values["means"]), state.step
     assert state.neighbours is not None
-    return neighbour_regulariser(
-        features,
-        values["means"],
-        state.neighbours,
-        far=extent,
-        lambda_pull=settings.lambda_pull,
-        lambda_push=settings.lambda_push,
-        generator=generator,
-    )
+    return neighbour_regulariser(features, values["means"], state.neighbours, far=extent, generator=generator)
 
 
 def _clustering_sample(
@@ -203,11 +191,10 @@ def _clustering_sample(
 def _regulariser_sample(
     state: RunState, n: int, extent: float, features: FeatureSettings, generator: torch.Generator
 ) -> NeighbourSample | PaperSample:
-    weights = features.lambda_pull, features.lambda_push
     if features.regularisation == "paper":
         subset, anchors = drawn_of_paper(n, generator)
-        return PaperSample(subset.numpy(), anchors.numpy(), *weights)
+        return PaperSample(subset.numpy(), anchors.numpy(), LAMBDA_PULL, LAMBDA_PUSH)
     assert state.neighbours is not None
     anchors, tries = drawn_anchors(n, generator)
     near = state.neighbours[anchors]
-    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent, *weights)
+    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent, LAMBDA_PULL, LAMBDA_PUSH)

@@ -26,6 +26,9 @@ __all__ = [
     "scene_extent",
 ]
 
+_MIN_SEGMENT_PIXELS = 100  # Dahaghin et al. 2024
+"""Smaller segments are left out of L_CC. Counted at 980 x 735 pixels and scaled to the picture."""
+
 TARGET_BYTES_PER_PIXEL = 36
 """Memory of a prepared `Target` per pixel, bytes."""
 
@@ -284,7 +287,7 @@ def _make_level(view: TrainingView, reductions: int, settings: FeatureSettings, 
             valid = np.asarray(share >= min(1.0 - 1e-4, float(share.max())))
     labelled = None
     if labels is not None and settings.train_features and not view.held_out:
-        min_pixels = max(8, round(settings.min_segment_pixels * labels.size / PAPER_PIXELS))
+        min_pixels = max(8, round(_MIN_SEGMENT_PIXELS * labels.size / PAPER_PIXELS))
         labelled = labelled_pixels(labels, min_pixels=min_pixels)
     pixels = np.ascontiguousarray(pixels)
     return Level(pinhole, pixels, Target(pixels, valid=valid) if keep_target else None, labelled, valid)

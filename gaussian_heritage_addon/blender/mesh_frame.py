@@ -28,18 +28,19 @@ def keep_frame(mesh: bpy.types.Mesh, frame: Float64, number: int) -> None:
     mesh[_FRAME_KEY], mesh[_NUMBER_KEY] = frame.ravel().tolist(), number
 
 
-def frame_of_mesh(mesh: bpy.types.Mesh) -> Float64 | None:
-    """Return the matrix [4, 4] from the normalised world of the project to `mesh`; None in files of older versions.
+def frame_of_mesh(mesh: bpy.types.Mesh) -> Float64:
+    """Return the matrix [4, 4] from the normalised world of the project to `mesh`.
 
     Raises
     ------
     ObjectError
-        When it was changed by another program.
+        When it was changed or removed by another program.
     """
-    stored, number = mesh.get(_FRAME_KEY), mesh.get(_NUMBER_KEY)
-    if stored is None or not isinstance(number, int):
-        return None
-    moved: Float64 = main_move(mesh, number) @ stored_matrix(stored, f"The frame of {mesh.name}")
+    number = mesh.get(_NUMBER_KEY)
+    # Without the number it cannot be known how the vertices moved since.
+    stored = mesh.get(_FRAME_KEY) if isinstance(number, int) else None
+    frame = stored_matrix(stored, f"The frame of {mesh.name}")
+    moved: Float64 = main_move(mesh, number) @ frame
     return moved
 
 
@@ -52,8 +53,7 @@ def follow_frame(mesh: bpy.types.Mesh) -> None:
         frame = frame_of_mesh(mesh)
     except ObjectError:
         return
-    if frame is not None:
-        mesh[_FRAME_KEY] = frame.ravel().tolist()
+    mesh[_FRAME_KEY] = frame.ravel().tolist()
 
 
 def stored_matrix(stored: object, what: str) -> Float64:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32, Float64
 
-__all__ = ["LinearMaps", "linear_maps", "main_map", "main_move", "mark_as_right", "moves_since"]
+__all__ = ["LinearMaps", "linear_maps", "main_move", "mark_as_right", "moves_since"]
 
 LinearMaps = list[tuple[Float64, NDArray[np.intp]]]
 """Linear maps [3, 3], and the rows of the vertices that each moved. Where vertices were only shifted there is none."""
@@ -88,10 +88,10 @@ def main_move(mesh: bpy.types.Mesh, made_as: int) -> Float64:
         return np.eye(4)
     before, numbers = marked
     rows = np.flatnonzero(numbers == made_as)
-    return main_map(before[rows], _positions(mesh)[rows])
+    return _main_map(before[rows], _positions(mesh)[rows])
 
 
-def main_map(earlier: NDArray[np.floating], later: NDArray[np.floating]) -> Float64:
+def _main_map(earlier: NDArray[np.floating], later: NDArray[np.floating]) -> Float64:
     """Return the map [4, 4] that took most of the positions `earlier` to those `later`, both of shape [N, 3].
 
     It is the identity where no map explains several of them.

@@ -26,7 +26,7 @@ from ..splats.properties import (
 )
 from ..splats.splats import SplatScene
 from .object_geometry import moved_gaussians
-from .object_import import frame_in_project, new_collection
+from .object_import import new_collection
 from .object_names import ID_KEY, give_new_name
 from .placement import frame_of_whole, placement_properties
 from .scene_file import whole_scene
@@ -97,7 +97,7 @@ def add_rows(obj: bpy.types.Object, rows: NDArray[np.integer], whole: bpy.types.
     index = source.index(count)
     copied = np.flatnonzero((index >= 0) & wanted[index])
     if len(copied):
-        there = frame_in_project(splats, whole) @ np.linalg.inv(frame_of_whole(whole))
+        there = splats.frame @ np.linalg.inv(frame_of_whole(whole))
         joined = splats.local_gaussians().joined(moved_gaussians(source.local_gaussians()[copied], there))
         membership = np.concatenate([membership, np.full(len(copied), _IN, np.float32)])
         splats.replace(joined, index=np.concatenate([own, index[copied]]), membership=membership)
@@ -147,8 +147,6 @@ def new_object(
         raise ObjectError("Nothing is selected that a new object could be made of.")
     collection = new_collection(scene.collection, name)
     gaussians, frame = splats.local_gaussians()[kept], splats.frame
-    if frame is None:
-        frame = frame_in_project(splats, source if source.heritage.role == "SCENE" else whole_of(source, scene))
     membership = np.full(len(kept), _IN, np.float32)
     splats = SplatScene.create(name, gaussians, collection, index=index[kept], membership=membership, frame=frame)
     obj = splats.object

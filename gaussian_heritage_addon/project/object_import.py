@@ -12,7 +12,6 @@ from ...engine.core.files import path_within
 from ...engine.project.content import ProjectObject, load_level, load_membership, require_intact
 from ...engine.project.objects import load_record, state_of
 from ...engine.scene import Gaussians, load_polished
-from ..blender.moved_vertices import main_map
 from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import COUNT_KEY, HeritageObject, loading, scene_count
 from ..splats.splats import SplatScene
@@ -21,7 +20,7 @@ from .object_names import ID_KEY, give_name
 from .object_state import HeritageState
 from .placement import frame_of_whole, placement_properties
 
-__all__ = ["add_object", "frame_in_project", "new_collection", "update_object"]
+__all__ = ["add_object", "new_collection", "update_object"]
 
 _MIN_COPIED_MEMBERSHIP = 0.05
 """Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.
@@ -110,7 +109,7 @@ def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, who
     splats = SplatScene.of(obj)
     gaussians, index, membership = _object_gaussians(project, item, whole)
     # Where the user has put the object, the Gaussians keep their place relative to its origin.
-    frame = frame_in_project(splats, whole)
+    frame = splats.frame
     splats.replace(moved_gaussians(gaussians, frame), index=index, membership=membership)
     state: HeritageState = obj.heritage_state
     if state.object_name == state.stored_name != item.name:
@@ -144,29 +143,3 @@ def _write_object_properties(
         if collection.get(ID_KEY) == item.id:
             collection["heritage_prompt"] = item.prompt
             collection["heritage_score"] = item.score
-
-
-def frame_in_project(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.float64]:
-    """Return the matrix [4, 4] from the normalised world of the project to the frame of an isolated object.
-
-    In files of older versions it is found from the Gaussians that the object and the scene share: *Object > Set Origin*
-    and *Apply* changed it, and the origin of older objects is that of the scene.
-    """
-    frame = splats.frame
-    if frame is not None:
-        return frame
-    scene = SplatScene.of(whole)
-    count = scene_count(whole)
-    rows, scene_rows = splats.index(count), scene.index(count)
-    places = np.full(count, -1)
-    places[scene_rows[scene_rows >= 0]] = np.flatnonzero(scene_rows >= 0)
-    known = np.flatnonzero(rows >= 0)
-    known = known[places[rows[known]] >= 0]
-    if not len(known):
-        return frame_of_whole(whole)
-    there, here = scene.local_gaussians().means[places[rows[known]]], splats.local_gaussians().means[known]
-    moved = main_map(there, here)
-    if np.array_equal(moved, np.eye(4)):
-        # Polished Gaussians stand a little beside those of the scene, each in another direction.
-        moved[:3, 3] = np.median(here.astype(np.float64) - there, axis=0)
-    return moved @ frame_of_whole(whole)

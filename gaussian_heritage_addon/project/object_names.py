@@ -74,8 +74,8 @@ def _renamed_to(obj: bpy.types.Object) -> str | None:
     """Return the new name of an object; None where it was not renamed."""
     state: HeritageState = obj.heritage_state
     if not state.shown_name:
-        # Made by an earlier release, or by a script.
-        state.object_name = state.object_name or _former_name(obj)
+        # Made by a script.
+        state.object_name = state.object_name or obj.name
         state.shown_name = obj.name
         return None
     collection = own_collection(obj)
@@ -84,13 +84,6 @@ def _renamed_to(obj: bpy.types.Object) -> str | None:
     if collection is not None and collection.name != collection.get(_NAME_KEY, collection.name):
         return _allowed(obj, collection.name)
     return None
-
-
-def _former_name(obj: bpy.types.Object) -> str:
-    """Return the name in the project of an object that says none: Blender may have added a number to it."""
-    stored = (seen(obj.heritage) or {}).get(obj.heritage.object_id)
-    numbered = _NUMBERED.fullmatch(obj.name)
-    return stored.name if stored is not None and numbered is not None and numbered[1] == stored.name else obj.name
 
 
 def _allowed(obj: bpy.types.Object, name: str) -> str:

@@ -136,9 +136,7 @@ def scene_placement(whole: bpy.types.Object) -> Float64:
 
 def frame_of_whole(whole: bpy.types.Object) -> Float64:
     """Return the matrix [4, 4] from the normalised world of a project to the frame of its whole scene."""
-    frame = SplatScene.of(whole).frame
-    # Files of older versions do not say it: there, the transform of a whole scene was rarely applied.
-    return np.eye(4) if frame is None else frame
+    return SplatScene.of(whole).frame
 
 
 def placement_properties(obj: bpy.types.Object) -> dict[str, Any]:

@@ -7,7 +7,6 @@ trash of the project, where those that another step replaced are. What another p
 
 from __future__ import annotations
 
-import contextlib
 import uuid
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
@@ -29,9 +28,8 @@ from ..blender.guards import (
     remove_handler,
 )
 from ..splats.properties import HeritageObject, loading, project_of, record_of, set_record_writer
-from .hand_edits import member_rows
 from .object_names import follow_renames, was_renamed
-from .object_state import add_known, all_objects, known_objects, mark_copies, owners
+from .object_state import all_objects, known_objects, mark_copies, owners
 from .state_history import StateHistory
 from .stored_objects import StoredObject, forget, look, look_if_changed
 
@@ -177,7 +175,7 @@ def _waiting_states(project: Path, shown: dict[str, bpy.types.Object]) -> list[t
     waiting: list[tuple[str, str, Any]] = []
     for object_id in _history.names_of(project, "state"):
         obj, place = shown.get(object_id), (project, object_id, "state")
-        # What was edited or deleted by hand is stored on request only, as is a state that an earlier release left out.
+        # What was edited or deleted by hand is stored on request only, as is what a script made, which has no state.
         if object_id in known if obj is None else obj.heritage.is_edited or not obj.heritage_state.state:
             continue
         wanted = None if obj is None else obj.heritage_state.state
@@ -240,23 +238,12 @@ def _agree(project: Path, stored: dict[str, StoredObject]) -> None:
         if known is None:
             continue
         state = obj.heritage_state
-        if not state.state and not obj.heritage.is_edited:
-            _take_state(obj, project, known)
         if state.object_name == known.name:
             _history.agree((project, object_id, "name"), known.name)
             if state.stored_name != known.name:
                 state.stored_name = known.name
         if record_of(obj) == known.record:
             _history.agree((project, object_id, "record"), known.record)
-
-
-def _take_state(obj: bpy.types.Object, project: Path, known: StoredObject) -> None:
-    """Note which state an object of an earlier release shows, where that is the one that the project has."""
-    # What another program made of the object is told where it is used.
-    with contextlib.suppress(ObjectError):
-        if len(member_rows(obj)) == known.n_gaussians:
-            obj.heritage_state.state = known.state
-            add_known(project, obj)
 
 
 def _write_record(obj: bpy.types.Object) -> None:

@@ -16,11 +16,9 @@ from .splat_nodes import (
     DISPLAY,
     SHAPES,
     display_input,
-    renew_display,
     set_display_input,
     show_in_edit_mode,
 )
-from .splats import SplatScene
 
 __all__ = [
     "CLASSES",
@@ -29,7 +27,7 @@ __all__ = [
     "choose_display",
     "fit_arrived",
     "register",
-    "renew_displays",
+    "apply_displays",
     "show_as_set",
     "show_without_addon",
     "unregister",
@@ -88,12 +86,9 @@ def fit_arrived(scene: bpy.types.Scene, arrived: Collection[bpy.types.ID]) -> No
     apply_blending(scene)
 
 
-def renew_displays() -> None:
-    """Replace displays that an earlier release made in this file."""
+def apply_displays() -> None:
+    """Show the splats of every scene of the file as its settings say."""
     for scene in bpy.data.scenes:
-        for obj in heritage_objects(scene):
-            if SplatScene.is_splats(obj):
-                renew_display(obj, SplatScene.of(obj).sh_degree)
         apply_display(scene)
 
 

@@ -188,10 +188,8 @@ def follow_eyes(scene: bpy.types.Scene) -> None:
     ]
     if not changed:
         return
-    for obj, replaced in zip(objects, _are_replaced(scene, objects), strict=True):
-        # Earlier releases closed an eye by disabling the object in viewports.
-        if obj in changed and not (obj.heritage.hidden and obj.hide_viewport and not replaced):
-            obj.heritage.hidden = obj.hide_get(view_layer=layer)
+    for obj in changed:
+        obj.heritage.hidden = obj.hide_get(view_layer=layer)
     apply_visibility(scene)
 
 

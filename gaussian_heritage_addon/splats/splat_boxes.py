@@ -18,7 +18,7 @@ from .properties import active_object
 from .solid_mode import redraw_viewports
 from .splats import SplatScene
 
-__all__ = ["Box", "draw_boxes", "flash", "frame", "is_flashing", "shown_box"]
+__all__ = ["Box", "draw_boxes", "flash", "frame", "shown_box"]
 
 Box = tuple[NDArray[np.float64], NDArray[np.float64]]
 _FLASH_SECONDS, _BLINK_SECONDS = 3.0, 0.3
@@ -79,11 +79,6 @@ def flash(objects: list[bpy.types.Object]) -> None:
     ends = time.monotonic() + _FLASH_SECONDS
     _flashing.update((obj.name, ends) for obj in objects)
     _blink_timer.start(0.0)
-
-
-def is_flashing(name: str) -> bool:
-    """Return whether the box of the object `name` flashes now."""
-    return time.monotonic() < _flashing.get(name, 0.0)
 
 
 def _blink() -> float | None:

@@ -25,7 +25,6 @@ __all__ = [
     "VIEW_LOW",
     "add_display",
     "display_input",
-    "renew_display",
     "set_display_input",
     "show_in_edit_mode",
 ]
@@ -34,8 +33,6 @@ DISPLAY = "Gaussian Splats"
 """Name of the modifier."""
 _GROUP_PREFIX = f".{DISPLAY}"
 """Begin of the names of its node groups. Because of the dot, Blender does not offer them for other objects."""
-_FORMER_PREFIX = DISPLAY
-"""That of earlier releases."""
 THRESHOLD = "Threshold"
 AS_TRAINED = "Blend as Trained"
 ANTIALIASED = "Anti-Aliased"
@@ -74,25 +71,6 @@ def show_in_edit_mode(obj: bpy.types.Object, *, shapes: bool) -> None:
     modifier = obj.modifiers.get(DISPLAY)
     if modifier is not None and modifier.show_in_editmode != shapes:
         modifier.show_in_editmode = shapes
-
-
-def renew_display(obj: bpy.types.Object, sh_degree: int) -> None:
-    """Replace the display of `obj` by the present one, with the same inputs, where an earlier release made it."""
-    modifier = obj.modifiers.get(DISPLAY)
-    tree = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
-    if (
-        tree is None
-        or not tree.name.startswith((_GROUP_PREFIX, _FORMER_PREFIX))
-        or set(_INPUTS.items()) <= set(_inputs(tree))
-    ):
-        return
-    values = {name: display_input(obj, name) for name in _INPUTS}
-    modifier.node_group = _display_group(sh_degree)
-    for name, value in values.items():
-        if value is not None:
-            set_display_input(obj, name, value)
-    if obj.get(ANTIALIASED_KEY) in (True, 1):
-        set_display_input(obj, ANTIALIASED, True)
 
 
 def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tuple[float, float, float]) -> None:
@@ -135,13 +113,7 @@ def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     name = f"{_GROUP_PREFIX} {sh_degree}"
     for tree in bpy.data.node_groups:
         # A file from someone else may contain another group of that name.
-        if (
-            tree.name.startswith((name, f"{_FORMER_PREFIX} {sh_degree}"))
-            and tree.type == "GEOMETRY"
-            and set(_INPUTS.items()) <= set(_inputs(tree))
-        ):
-            if tree.library is None and not tree.name.startswith(name):
-                tree.name = name
+        if tree.name.startswith(name) and tree.type == "GEOMETRY" and set(_INPUTS.items()) <= set(_inputs(tree)):
             return tree
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     tree.is_modifier = True

@@ -29,7 +29,7 @@ from ..blender.guards import (
     remove_handler,
 )
 from ..blender.world_placement import drawn_matrix
-from .display_settings import renew_displays
+from .display_settings import apply_displays
 from .edited_splats import EditedSplats, edited_splats, is_editing_splats, vertex_flags
 from .properties import active_object, heritage_objects, photo_of
 from .solid_mode import redraw_viewports
@@ -151,7 +151,7 @@ def _forget_all() -> None:
 def _begin_file() -> None:
     """Forget the data of the last file, and draw those of this one as they are drawn now."""
     _forget_all()
-    renew_displays()
+    apply_displays()
     _start()
 
 

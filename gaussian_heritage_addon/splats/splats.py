@@ -127,8 +127,7 @@ class SplatScene:
         frame = frame_of_mesh(mesh)
         mesh.clear_geometry()
         number = _fill(mesh, gaussians, index, membership)
-        if frame is not None:
-            keep_frame(mesh, frame, number)
+        keep_frame(mesh, frame, number)
 
     def set_membership(self, membership: Float32) -> None:
         """Set the membership of each Gaussian, shape [N]. Those below the threshold are not drawn.
@@ -243,10 +242,13 @@ class SplatScene:
         return bool(moves)
 
     @property
-    def frame(self) -> NDArray[np.float64] | None:
+    def frame(self) -> NDArray[np.float64]:
         """Matrix [4, 4] from the normalised world of the project to the frame of the object.
 
-        It is None for what a file of an older version holds.
+        Raises
+        ------
+        ObjectError
+            When it was changed or removed by another program.
         """
         with self._readable_mesh() as mesh:
             return frame_of_mesh(mesh)

@@ -14,7 +14,7 @@ GROUPS = {
     "records": ("tests/engine/delivery/records", "tests/engine/delivery/packages"),
     "command line": ("tests/engine/test_cli.py", "tests/engine/test_events.py", "tests/engine/test_settings.py"),
     "computer": ("tests/engine/test_doctor.py", "tests/engine/test_provenance.py"),
-    "pipeline": ("tests/engine/test_pipeline.py", "tests/engine/test_first_release.py"),
+    "pipeline": ("tests/engine/test_pipeline.py",),
     "add-on without Blender": ("tests/addon",),
 }
 """Tests by what they are about: files and folders of the repository."""

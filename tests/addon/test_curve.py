@@ -56,8 +56,9 @@ def test_extreme_curves_are_drawn(points: list[tuple[float, float]]) -> None:
 
 def write_curve(project: Path, points: list[dict[str, float | None]]) -> None:
     """Write a project whose training is finished."""
-    training = {"key": "k", "wall_seconds": 2.0, "cpu_seconds": 2.0, "figures": {"curve": points}}
-    (project / "project.json").write_text(json.dumps({"version": 1, "stages": {"training": training}}))
+    training = {"key": "k", "wall_seconds": 2.0, "cpu_seconds": 2.0, "figures": {"curve": points}, "outputs": {}}
+    stored = {"version": 1, "stages": {"training": training}, "earlier_outputs": {}}
+    (project / "project.json").write_text(json.dumps(stored))
 
 
 def test_curve_of_a_finished_training_is_read_and_updated(tmp_path: Path) -> None:

@@ -14,7 +14,9 @@ planned_device = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.pro
 
 
 def write_plan(project: Path, plan: object) -> None:
-    (project / "project.json").write_text(json.dumps({"version": 1, "stages": {}, "work_plan": plan}))
+    (project / "project.json").write_text(
+        json.dumps({"version": 1, "stages": {}, "earlier_outputs": {}, "work_plan": plan})
+    )
 
 
 def test_card_is_named_and_the_processor_with_the_reason(tmp_path: Path) -> None:
@@ -28,6 +30,6 @@ def test_card_is_named_and_the_processor_with_the_reason(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("plan", [None, {}, {"device": 5}, {"device": {"name": "cpu"}}])
-def test_plan_of_an_earlier_release_says_nothing(tmp_path: Path, plan: object) -> None:
+def test_plan_without_a_device_says_nothing(tmp_path: Path, plan: object) -> None:
     write_plan(tmp_path, plan)
     assert planned_device(tmp_path) == ""

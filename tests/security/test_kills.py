@@ -12,10 +12,9 @@ import pytest
 
 from benchmarks.security.kills_checks import damaged_files, files_of, leftovers, objects_of, opened_copy
 from benchmarks.security.kills_process import wait_for_write
-from tests.conftest import PATIENCE, ROOT
+from tests.conftest import PATIENCE
 from tests.engine.command_line import call, start
-
-FIXTURE = ROOT / "tests" / "fixtures" / "first_release" / "project"
+from tests.engine.finished_project import write_finished_project
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
 
@@ -36,10 +35,9 @@ os.replace = replace
 @pytest.fixture
 def project(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     """A finished project with two objects and their background."""
-    copy = tmp_path / "project"
-    shutil.copytree(FIXTURE, copy)
-    assert call(capsys, "segment", copy, "--complement").code == 0
-    return copy
+    made = write_finished_project(tmp_path)
+    assert call(capsys, "segment", made, "--complement").code == 0
+    return made
 
 
 @pytest.mark.parametrize("number", [1, 2, 4])

@@ -26,9 +26,8 @@ from . import (
     turntable,
     verify,
 )
-from .deprecated import warn_of_deprecated_options
 
-__all__ = ["COMMANDS", "warn_of_deprecated_options"]
+__all__ = ["COMMANDS"]
 
 COMMANDS: tuple[ModuleType, ...] = (
     plan,

@@ -9,7 +9,6 @@ from ...core.errors import ProjectError, SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...project.folder import PROJECT_FILE, ProjectFolder
 from ...quality.bench.settings import BenchSettings
-from .deprecated import add_deprecated_option
 from .scene_options import add_camera_options, add_device_option, add_no_objects_option, describe_presets
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
@@ -40,13 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="train each preset once more with nothing left out, to measure what leaving out saves and costs",
     )
-    seeds = parser.add_argument(
+    parser.add_argument(
         "--random-seeds",
         default="0",
         metavar="N,N",
         help="train each preset once with each of these seeds (default: %(default)s)",
     )
-    add_deprecated_option(parser, "--seeds", replaced_by=seeds)
 
 
 def project_folder(options: argparse.Namespace) -> None:

@@ -12,7 +12,6 @@ from ...core.words import split_list
 from ...masks.settings import SAM_MODELS
 from ...project.folder import ProjectFolder
 from .chosen_models import add_sam_argument, model_factories
-from .deprecated import add_deprecated_option
 from .scene_options import add_device_option
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
@@ -32,14 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--layout", choices=layouts, default="auto", help="layout of the ground truth (default: detected)"
     )
     parser.add_argument("--presets", default="paper,better", help="methods to compare (default: %(default)s)")
-    prompt_kind = parser.add_argument(
+    parser.add_argument(
         "--prompt-kind",
         choices=("text", "mask", "click", "all"),
         default="mask",
         help="kind of prompt that asks for each object; text also asks for the absent things that TRUTH/absent.json "
         "lists; all searches for all objects without a prompt (default: %(default)s)",
     )
-    add_deprecated_option(parser, "--seed", replaced_by=prompt_kind)
     parser.add_argument(
         "--views",
         choices=("held-out", "all"),

@@ -147,7 +147,7 @@ def _unit_sentence(frame: ExportFrame) -> str:
 
 
 def _n_background(project: ProjectFolder, n: int) -> int:
-    """Return how many of the `n` Gaussians, the first ones, are the background; 0 for what release 0.1.0 trained."""
+    """Return how many of the `n` Gaussians, the first ones, are the background; 0 where none is recorded."""
     figures = (project.stage_record("training") or {}).get("figures") or {}
     count = figures.get("n_background", 0)
     if type(count) is not int or not 0 <= count <= n:

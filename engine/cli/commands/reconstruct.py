@@ -16,7 +16,6 @@ from ...project.folder import ProjectFolder
 from ...rasterizer import device_words
 from ...training import read_overrides
 from .chosen_models import add_sam_argument
-from .deprecated import add_deprecated_option
 from .scene_options import (
     add_camera_options,
     add_device_option,
@@ -52,12 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave the background out: Segment Anything finds the object in each photo; for an object on a turntable "
         "before a background that stands still",
     )
-    transients = parser.add_argument(
+    parser.add_argument(
         "--transients",
         action="store_true",
         help="find transients, such as people who walk through some of the photos, and leave them out of the scene",
     )
-    add_deprecated_option(parser, "--passers-by", replaced_by=transients)
     add_no_objects_option(parser)
     add_sam_argument(parser)
     parser.add_argument(
@@ -121,7 +119,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
 
 
 def _trained_on(project: ProjectFolder) -> str:
-    """Return a sentence about the device of the training; empty for one of an earlier release, which says none."""
+    """Return a sentence about the device of the training; empty where it is not recorded."""
     record = project.stage_record("training") or {"figures": {}}
     name = record["figures"].get("device")
     if not isinstance(name, str):

@@ -15,7 +15,6 @@ from ...objects.settings import DEFAULT_PRESET, PRESETS
 from ...project.folder import ProjectFolder
 from ...rasterizer import PROCESSOR, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
-from .deprecated import add_deprecated_option
 from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos
 from .scene_options import add_device_option
 
@@ -43,10 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a pixel of the object, from the photo's top left corner; several, in any photos, mean one object",
     )  # fmt: skip
     action.add_argument("--box", metavar="PHOTO=x0,y0,x1,y1", help="a box around the object, in pixels of a photo")
-    mask = action.add_argument(
+    action.add_argument(
         "--mask", metavar="PHOTO=MASK.png", help="a mask of the photo's size, white where the object is"
     )
-    add_deprecated_option(action, "--seed-mask", replaced_by=mask)
     action.add_argument("--all", action="store_true", help="every object of the scene, and the background")
     action.add_argument("--complement", action="store_true", help="the background: all that belongs to no object yet")
     action.add_argument(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .replacing import finish_replacements, replace_together
     from .schema import Schema, check, optional
     from .stored_package import StoredPackage, opened_package, write_zip
-    from .versions import Migration, read_versioned
+    from .versions import read_versioned
     from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json, write_problem
 
 __all__ = [
@@ -34,7 +34,6 @@ __all__ = [
     "TEMPORARY_PREFIX",
     "ArraySpec",
     "FileRecord",
-    "Migration",
     "Schema",
     "StoredPackage",
     "atomic_write",

@@ -34,7 +34,6 @@ _FIGURES: dict[str, Schema] = {
         "curve": optional([{str: (float, None)}]),
         "held_out": optional(([str], None)),
         "measured_photos": optional(([str], None)),
-        "validation_photos": optional(([str], None)),
         "preset": optional((str, None)),
         "device": optional((str, None)),
         "guards": optional({str: float}),
@@ -153,16 +152,14 @@ def _forecast(forecast: dict[str, Any] | None, records: dict[str, dict[str, Any]
 
 
 def _rejected_by_trials(training: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return what trials rejected, with its effect on the photos that it was decided on."""
-    # Release 0.1.0 decided on the photos that it measured, and stored no validation photos.
-    photos = "test" if training.get("validation_photos") is None else "validation"
+    """Return what trials rejected, with its effect on the validation photos."""
     return [
         {
             "what": "the brightness correction per photo"
             if trial["what"] == "exposure"
             else f"bands of view-dependent colour above {_band_below(trial['what'])}",
             "why": f"{trial['n_steps']} steps with and without, from step {trial['step']:,} on: "
-            f"{trial['gain']:+.2f} dB on the {photos} photos",
+            f"{trial['gain']:+.2f} dB on the validation photos",
         }
         for trial in training.get("trials", ())
         if not trial["kept"] and trial["gain"] is not None

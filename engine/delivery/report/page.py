@@ -129,7 +129,7 @@ def _objects(facts: dict[str, Any], pictures: Pictures) -> Html:
     cards = []
     for record in facts["objects"]:
         sides = pictures.objects.get(record["id"], [])
-        photos = len({seed["photo"] for seed in record["seeds"]})
+        photos = len({one["photo"] for one in record["evidence"]})
         details = (
             f"{_describe_prompt(record['prompt'])}; {_count(record['n_gaussians'])} Gaussians; "
             f"confidence {record['score']:.2f}; "
@@ -273,7 +273,7 @@ def _plan(facts: dict[str, Any]) -> Html:
 
 
 def _trained_on(plan: dict[str, Any], training: dict[str, Any]) -> str:
-    """Return the device of the training and why it was not the card; empty where an earlier release recorded none."""
+    """Return the device of the training and why it was not the card; empty before it is trained."""
     name, planned = training.get("device"), plan.get("device") or {}
     if not name:
         return ""
@@ -392,7 +392,7 @@ def _record(facts: dict[str, Any]) -> Html:
 
 
 def _version(run: dict[str, Any]) -> str:
-    """Return version and commit of a run; empty for one of an earlier release, which recorded none."""
+    """Return version and commit of a run; empty where it is not known."""
     if not run.get("software"):
         return ""
     commit = f", commit {run['commit'][:12]}{' with changes' if run['changed'] else ''}" if run["commit"] else ""

@@ -488,10 +488,8 @@ def training_settings(work: WorkPlan) -> TrainingSettings:
 
 
 def work_plan_as_dict(work: WorkPlan) -> dict[str, Any]:
-    """Return the plan as JSON values, under the names that ``project.json`` and events have for them."""
-    values = asdict(work)
-    values["passers_by"] = values.pop("exclude_transients")
-    return values
+    """Return the plan as JSON values, as ``project.json`` and events have them."""
+    return asdict(work)
 
 
 def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:

@@ -159,13 +159,7 @@ def kept_sizes(project: ProjectFolder, preset: str) -> dict[str, int] | None:
         sizes = stored[preset]
         if sizes == {} or check(sizes, _SIZES) is None:
             return {name: sizes[name] for name in _SIZES if name in sizes}
-    # Earlier releases recorded no sizes and trained on the processor.
-    begun, plan = project.get("begun"), project.get("work_plan")
-    is_begun = isinstance(begun, list) and begun[:1] == ["training"]
-    if is_begun and isinstance(plan, dict) and plan.get("preset") == preset:
-        return {}
-    record = project.stage_record("training")
-    return {} if record is not None and record["figures"].get("preset") == preset else None
+    return None
 
 
 def record_sizes(project: ProjectFolder, preset: str, sizes: Mapping[str, int]) -> None:

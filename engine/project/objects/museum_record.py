@@ -70,7 +70,7 @@ def load_record(project: Path, object_id: str) -> MuseumRecord:
         return MuseumRecord()
     advice = "Repair it or move it away."
     names = [f.name for f in fields(MuseumRecord)]
-    data = read_versioned(file, ({name: optional(str) for name in names},), (), advice=advice)
+    data = read_versioned(file, {name: optional(str) for name in names}, version=RECORD_VERSION, advice=advice)
     record = MuseumRecord(**{name: data.get(name, "") for name in names})
     if any("\0" in value for value in asdict(record).values()):
         raise FormatError(f"{file} cannot be read: it has a null character. {advice}")

@@ -1,4 +1,4 @@
-"""The record of an object in ``object.json``, and the versions of that file."""
+"""What is stored of an object: its record in ``object.json``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.errors import FormatError
-from ...core.files import FILE_RECORD, FileRecord, Migration, Schema, object_file, optional, read_versioned, write_json
+from ...core.files import FILE_RECORD, FileRecord, Schema, object_file, optional, read_versioned, write_json
 from ...core.settings import to_dict
 from ..provenance import RUN
 
@@ -39,7 +39,8 @@ PICTURE_FILE = "picture.png"
 _ADVICE = "Delete its folder and isolate the object again."
 
 _POINTS: Schema = [{"photo": str, "x": float, "y": float}]
-_OBJECT_1: Schema = {
+_VERSION = 1
+_SCHEMA: Schema = {
     "version": int,
     "name": str,
     "prompt": dict,
@@ -48,26 +49,16 @@ _OBJECT_1: Schema = {
     "fit": float,
     "n_gaussians": int,
     "n_scene_gaussians": int,
-    "seeds": optional([{"photo": str, "score": float}]),
+    "evidence": optional([{"photo": str, "score": float}]),
     "settings": optional(dict),
     "seconds": optional(float),
     "created": optional(str),
     "level": optional(int),
     "levels": optional([{"n_gaussians": int}]),
     "refined": optional([{"clicks": optional(_POINTS), "not": optional(_POINTS)}]),
+    "files": {str: FILE_RECORD},
+    "run": optional((RUN, None)),
 }
-_SCHEMAS: tuple[Schema, ...] = (
-    _OBJECT_1,
-    {**_OBJECT_1, "files": ({str: FILE_RECORD}, None), "run": optional((RUN, None))},
-)
-
-
-def _from_1_to_2(data: dict[str, Any]) -> dict[str, Any]:
-    """Release 0.1.0 recorded no sizes and hashes of an object's files."""
-    return {**data, "files": None}
-
-
-_MIGRATIONS: tuple[Migration, ...] = (_from_1_to_2,)
 
 
 @dataclass(frozen=True)
@@ -94,7 +85,7 @@ class ObjectRecord:
     n_scene_gaussians : int
         Gaussians of the scene the membership belongs to.
     evidence : tuple of dict
-        Photos with masks of this object, the best first: ``photo``, ``score``. Stored as ``seeds``.
+        Photos with masks of this object, the best first: ``photo``, ``score``.
     settings : dict
         `SegmentSettings` of the extraction.
     seconds : float
@@ -108,7 +99,7 @@ class ObjectRecord:
     refined : tuple of dict
         Later corrections, oldest first: ``clicks`` and ``not``, lists of ``photo``, ``x``, ``y``.
     run : dict or None
-        What ran, see `engine.project.provenance.describe_run`; None for an object of release 0.1.0.
+        What ran, see `engine.project.provenance.describe_run`; None where it is not known.
     """
 
     id: str
@@ -119,7 +110,7 @@ class ObjectRecord:
     fit: float
     n_gaussians: int
     n_scene_gaussians: int
-    evidence: tuple[dict[str, Any], ...] = field(default=(), metadata={"stored_as": "seeds"})
+    evidence: tuple[dict[str, Any], ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     created: str = ""
@@ -174,7 +165,7 @@ def write_record(file: Path, record: ObjectRecord, files: dict[str, FileRecord])
     DiskError
         When the disk is full or read-only.
     """
-    write_json(file, {"version": len(_SCHEMAS), **to_dict(record), "files": files})
+    write_json(file, {"version": _VERSION, **to_dict(record), "files": files})
 
 
 def rename_object(project: Path, object_id: str, name: str) -> str:
@@ -207,11 +198,11 @@ def read_record(file: Path) -> ObjectRecord:
     Raises
     ------
     FormatError
-        When the file is damaged, or a newer release wrote it.
+        When the file is damaged or of a format number that is not known.
     """
-    data = read_versioned(file, _SCHEMAS, _MIGRATIONS, advice=_ADVICE)
-    attributes = {known.metadata.get("stored_as", known.name): known.name for known in fields(ObjectRecord)}
-    values = {attributes[key]: value for key, value in data.items() if key in attributes}
+    data = _read(file)
+    names = {known.name for known in fields(ObjectRecord)}
+    values = {key: value for key, value in data.items() if key in names}
     for name in ("evidence", "levels", "refined"):
         values[name] = tuple(values.get(name, ()))
     if not 0.0 <= values["threshold"] <= 1.0:
@@ -222,12 +213,16 @@ def read_record(file: Path) -> ObjectRecord:
 
 
 def recorded_files(file: Path) -> dict[str, FileRecord]:
-    """Return size and SHA-256 of the files that an ``object.json`` records; empty for one of release 0.1.0.
+    """Return size and SHA-256 of the files that an ``object.json`` records.
 
     Raises
     ------
     FormatError
         As for `read_record`.
     """
-    files: dict[str, FileRecord] | None = read_versioned(file, _SCHEMAS, _MIGRATIONS, advice=_ADVICE)["files"]
-    return files or {}
+    files: dict[str, FileRecord] = _read(file)["files"]
+    return files
+
+
+def _read(file: Path) -> dict[str, Any]:
+    return read_versioned(file, _SCHEMA, version=_VERSION, advice=_ADVICE)

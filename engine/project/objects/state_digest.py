@@ -10,9 +10,9 @@ import json
 from pathlib import Path
 
 from ...core.errors import HeritageError
-from ...core.files import object_file, record_of
+from ...core.files import object_file
 from ...core.settings import to_dict
-from .object_record import COMPUTED_FILES, RECORD_FILE, read_record, recorded_files
+from .object_record import RECORD_FILE, read_record, recorded_files
 from .stored_objects import object_ids
 
 __all__ = ["UNREADABLE", "object_states", "state_of"]
@@ -27,15 +27,11 @@ def state_of(folder: Path) -> str:
     Raises
     ------
     FormatError
-        When its record is damaged, or a file cannot be read.
+        When its record is damaged.
     """
     file = folder / RECORD_FILE
     described = {key: value for key, value in to_dict(read_record(file)).items() if key not in ("id", "name")}
-    # Release 0.1.0 recorded no files.
-    files = recorded_files(file) or {
-        name: record_of(folder / name) for name in COMPUTED_FILES if (folder / name).is_file()
-    }
-    text = json.dumps([described, files], sort_keys=True, ensure_ascii=False)
+    text = json.dumps([described, recorded_files(file)], sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 

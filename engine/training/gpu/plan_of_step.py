@@ -29,7 +29,6 @@ def step_settings(inputs: Inputs) -> StepSettings:
         max_logit=MAX_LOGIT,
     )
     return StepSettings(
-        lambda_dssim=settings.loss.lambda_dssim,
         lambda_exposure=settings.appearance.lambda_exposure if settings.appearance.exposure else 0.0,
         lambda_scale=settings.loss.lambda_scale / extent,
         limits=limits,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ...core.settings import require
 from ...rasterizer.settings import RasterSettings
+from ..settings import LAMBDA_DSSIM
 
 __all__ = ["StepLimits", "StepSettings"]
 
@@ -64,7 +65,7 @@ class StepSettings:
     raster : RasterSettings
     """
 
-    lambda_dssim: float = 0.2
+    lambda_dssim: float = LAMBDA_DSSIM
     lambda_exposure: float = 0.0
     lambda_scale: float = 0.0
     limits: StepLimits | None = None

@@ -166,7 +166,7 @@ class GpuSteps:
             drawn = error_levels(inputs, schedule, step, additions)
             photos = [self._photo(*one, inputs.pyramid.level(*one)) for one in drawn]
             errors = self._card.gaussian_errors(photos, schedule.sh_degree(step, state.sh_limit))
-        relocate(population, min_opacity=growth.min_opacity, generator=moves)
+        relocate(population, generator=moves)
         sources = population.values["sources"]
         if errors is not None:
             errors = (errors / sources.bincount(minlength=n))[sources]  # copies at one place share the error

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     )
     from .exposure import GpuExposures
     from .neighbours import (
+        LAMBDA_PULL,
+        LAMBDA_PUSH,
         N_ANCHORS,
         N_FAR,
         N_FAR_CANDIDATES,
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
     from .samples import CardLoss, Sample
 
 __all__ = [
+    "LAMBDA_PULL",
+    "LAMBDA_PUSH",
     "N_ANCHORS",
     "N_FAR",
     "N_FAR_CANDIDATES",

@@ -24,7 +24,7 @@ __all__ = [
     "labelled_pixels",
 ]
 
-_SAMPLES = 64  # by definition
+_SAMPLES = 64
 """Samples of a workgroup of clustering_losses.wgsl."""
 
 
@@ -74,7 +74,7 @@ def clustering_loss(
     features: torch.Tensor,
     labelled: LabelledPixels,
     *,
-    n_samples: int = 0,  # by definition
+    n_samples: int = 0,
     generator: torch.Generator | None = None,
 ) -> torch.Tensor:
     """Return L_CC of one picture: a sum over its labelled pixels, divided by the number of segments.

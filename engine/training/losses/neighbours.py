@@ -30,16 +30,20 @@ __all__ = [
 N_NEIGHBOURS = 6  # chosen on museum_room
 """Nearest other Gaussians of each, for `neighbour_regulariser`."""
 
-N_ANCHORS = 1000  # published: Dahaghin et al. 2024
+N_ANCHORS = 1000  # Dahaghin et al. 2024
 """Random Gaussians that L_reg is evaluated on, as in the released code of Dahaghin et al. 2024."""
 
-N_FAR = 5  # published: Dahaghin et al. 2024
+N_FAR = 5  # Dahaghin et al. 2024
 """Largest number of far Gaussians per anchor, as in the released code."""
 
 N_FAR_CANDIDATES = 16  # chosen on museum_room
 """Random Gaussians per anchor among which far ones are searched."""
 
-_MAX_TRIES = 32  # by definition
+LAMBDA_PULL = 0.05  # Dahaghin et al. 2024
+LAMBDA_PUSH = 0.15  # Dahaghin et al. 2024
+"""Weights of the two parts of L_reg, as the paper states them: see docs/paper.md."""
+
+_MAX_TRIES = 32
 """Candidates of an anchor that fit the bits of a word."""
 
 
@@ -68,8 +72,8 @@ def neighbour_regulariser(
     neighbours: torch.Tensor,
     *,
     far: float,
-    lambda_pull: float,
-    lambda_push: float,
+    lambda_pull: float = LAMBDA_PULL,
+    lambda_push: float = LAMBDA_PUSH,
     generator: torch.Generator,
 ) -> torch.Tensor:
     """Return L_reg with the nearest other Gaussians and random far ones.

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from ...rasterizer.gpu import Workspace, encode
 from ...scene import PinholeCamera
-from .neighbours import N_ANCHORS, NeighbourSample
+from .neighbours import LAMBDA_PULL, LAMBDA_PUSH, N_ANCHORS, NeighbourSample
 from .samples import Sample
 
 __all__ = ["PaperSample", "drawn_of_paper", "neighbours_of", "paper_regulariser"]
 
-PAPER_SUBSET = 300_000  # published: Dahaghin et al. 2024
+PAPER_SUBSET = 300_000  # Dahaghin et al. 2024
 """Random Gaussians that `paper_regulariser` is restricted to, as in the released code."""
 
-_NEAR, _FAR = 2, 5  # as in extremes.wgsl  # by definition
+_NEAR, _FAR = 2, 5  # as in extremes.wgsl
 
-_ANCHORS = 128  # by definition
+_ANCHORS = 128
 """Anchors in one submission, so that slow cards are not kept busy for too long."""
 
 
@@ -36,11 +36,11 @@ def paper_regulariser(
     features: torch.Tensor,
     means: torch.Tensor,
     *,
-    lambda_pull: float,
-    lambda_push: float,
+    lambda_pull: float = LAMBDA_PULL,
+    lambda_push: float = LAMBDA_PUSH,
     generator: torch.Generator,
-    n_near: int = 2,  # published: Dahaghin et al. 2024
-    n_far: int = 5,  # published: Dahaghin et al. 2024
+    n_near: int = 2,  # Dahaghin et al. 2024
+    n_far: int = 5,  # Dahaghin et al. 2024
 ) -> torch.Tensor:
     """Return L_reg as the released code of Dahaghin et al. 2024 computes it.
 

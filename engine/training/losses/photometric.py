@@ -13,6 +13,7 @@ from torch.autograd.function import once_differentiable
 from ...core.arrays import Float32
 from ...core.errors import NumericalError
 from ...rasterizer import Share, run_shared
+from ..settings import LAMBDA_DSSIM
 from .photometric_kernels import (
     STRIP,
     blur_target,
@@ -196,7 +197,7 @@ def photometric_loss(
     image: torch.Tensor,
     target: torch.Tensor | Target,
     *,
-    lambda_dssim: float = 0.2,
+    lambda_dssim: float = LAMBDA_DSSIM,
     valid: torch.Tensor | None = None,
     threads: int | None = None,
 ) -> torch.Tensor:

@@ -102,7 +102,7 @@ def write_object(project: Path, object_id: str, name: str, membership: np.ndarra
     np.save(folder / "membership.npy", membership)
     record = {"version": 1, "id": object_id, "name": name, "prompt": {"text": name}, "score": 0.8, "threshold": 0.5}
     counts = {"n_gaussians": int((membership >= 0.5).sum()), "n_scene_gaussians": len(membership)}
-    (folder / "object.json").write_text(json.dumps({**record, **counts, "fit": 0.9, **known}))
+    (folder / "object.json").write_text(json.dumps({**record, **counts, "fit": 0.9, "files": {}, **known}))
 
 
 @pytest.fixture

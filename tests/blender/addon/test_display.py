@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -153,22 +151,6 @@ def test_splats_that_cannot_be_drawn_are_left_to_blender(opened: Any, part: Part
     part("gaussian_heritage_addon.splats.splat_view")._show_shapes()
     assert bpy.context.scene.heritage_display.kind == "SHAPES"
     assert all(nodes.display_input(obj, nodes.SHAPES) for obj in isolated().values())
-
-
-def test_file_of_the_first_release_gets_the_present_display(blender: ModuleType, part: Part, tmp_path: Path) -> None:
-    copy = tmp_path / "first_release"
-    shutil.copytree(Path(os.environ["GAUSSIAN_HERITAGE_FIXTURES"]) / "first_release", copy)
-    bpy.ops.wm.open_mainfile(filepath=str(copy / "scene.blend"))
-    nodes = part("gaussian_heritage_addon.splats.splat_nodes")
-    teapot = bpy.data.objects["teapot"]
-    before = {
-        name: nodes.display_input(teapot, name)
-        for name in (nodes.THRESHOLD, nodes.AS_TRAINED, nodes.PIXEL, nodes.VIEW_LOW)
-    }
-    assert nodes.display_input(teapot, nodes.SHAPES) is None
-    part("gaussian_heritage_addon.splats.display_settings").renew_displays()
-    assert nodes.display_input(teapot, nodes.SHAPES) is False
-    assert {name: nodes.display_input(teapot, name) for name in before} == before
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="Blender 5.2 and newer have the attributes")

@@ -104,8 +104,8 @@ def test_finished_training_shows_its_curve(project: Any, draw: Draw) -> None:
     bpy.context.scene.heritage.project = str(project.folder)
     assert not bpy.types.HERITAGE_PT_training.poll(bpy.context)
     curve = [{"wall_seconds": 1.0, "psnr": 20.0}, {"wall_seconds": 200.0, "psnr": 28.7}]
-    training = {"key": "k", "wall_seconds": 200.0, "cpu_seconds": 200.0, "figures": {"curve": curve}}
-    stored = {"version": 1, "stages": {"training": training}}
+    training = {"key": "k", "wall_seconds": 200.0, "cpu_seconds": 200.0, "figures": {"curve": curve}, "outputs": {}}
+    stored = {"version": 1, "stages": {"training": training}, "earlier_outputs": {}}
     (project.folder / "project.json").write_text(json.dumps(stored))
     assert "28.7 dB after 200 s (photos not trained on)" in draw("HERITAGE_PT_training").texts
 

@@ -528,26 +528,3 @@ def test_object_deleted_by_a_key_does_not_come_back_by_finding_all(
     assert "Cup" not in in_blender(part) and not_stored(draw) == ["Deleted, not stored: Cup"]
     act(lambda _: bpy.ops.heritage.store_edits())
     assert in_project(part, museum.folder) == in_blender(part) and not_stored(draw) == []
-
-
-def test_file_of_an_earlier_release_agrees_and_follows_as_well(
-    museum: Any, act: Act, part: Part, draw: Callable[[str], Any], tmp_path: Path
-) -> None:
-    for obj in isolated().values():
-        for name in ("state", "object_name", "shown_name", "stored_name"):
-            setattr(obj.heritage_state, name, "")
-    bpy.context.scene.heritage.known = ""
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "earlier.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "earlier.blend"))
-    step()
-    assert not_stored(draw) == []
-    before = in_blender(part)
-    act(correct)
-    assert in_project(part, museum.folder) == in_blender(part) != before
-    undo()
-    assert in_project(part, museum.folder) == in_blender(part) == before and problem(part) == ""
-    for obj in bpy.context.view_layer.objects:
-        obj.select_set(obj.name == "Cup")
-    bpy.ops.object.delete()
-    step()
-    assert not_stored(draw) == ["Deleted, not stored: Cup"]

@@ -130,18 +130,6 @@ def test_eye_is_kept_in_the_file_and_by_the_choice_between_scene_and_objects(
     assert vase.heritage.hidden and vase.hide_get() and not bpy.data.objects["Bust"].hide_get()
 
 
-def test_eye_that_an_earlier_release_closed_stays_closed_and_can_be_opened(two: SimpleNamespace, part: Part) -> None:
-    # Such a release disabled the object in viewports.
-    two.vase.heritage.hidden = True
-    two.vase.hide_set(False)
-    two.vase.hide_viewport = True
-    bpy.context.view_layer.update()
-    part("gaussian_heritage_addon.splats.properties").follow_eyes(two.scene)
-    assert two.vase.heritage.hidden and two.vase.hide_get() and not two.vase.hide_viewport
-    two.vase.heritage.hidden = False
-    assert two.vase.visible_get()
-
-
 # ---- clicks and boxes
 
 

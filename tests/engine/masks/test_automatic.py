@@ -196,4 +196,4 @@ def test_settings_out_of_bounds_are_named() -> None:
         MaskSettings(min_iou=1.5)
     with pytest.raises(SettingsError, match="at least 1 for the published generator"):
         MaskSettings(generator="published", grid=0)
-    assert set(PRESETS) == {"default", "quick", "thorough", "published", "paper"}
+    assert set(PRESETS) == {"default", "published", "paper"}

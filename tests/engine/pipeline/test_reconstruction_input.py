@@ -8,7 +8,7 @@ import pytest
 
 from engine.cli.main import main
 from engine.core.errors import ProjectError
-from engine.pipeline.reconstruction_input import ReconstructionInput, better_preset, read_input, repeat_arguments
+from engine.pipeline.reconstruction_input import better_preset, read_input, repeat_arguments
 from engine.project.folder import ProjectFolder
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 
@@ -41,17 +41,6 @@ def test_next_better_preset_is_that_of_the_list(project: Path, preset: str, bett
     folder = ProjectFolder.open_existing(project)
     folder.finish_stage("training", "key", wall_seconds=1.0, cpu_seconds=1.0, figures={"preset": preset})
     assert better_preset(project) == better
-
-
-def test_project_of_an_earlier_release_is_repeated_unless_its_cameras_came_from_elsewhere(project: Path) -> None:
-    folder = ProjectFolder.open_existing(project)
-    photos = read_input(project).photos
-    folder.put("input", None)
-    folder.put("work_plan", {"poses_given": False})
-    assert read_input(project) == ReconstructionInput(photos)
-    folder.put("work_plan", {"poses_given": True})
-    with pytest.raises(ProjectError, match="Import its photo folder again"):
-        read_input(project)
 
 
 @pytest.mark.parametrize("photos", ["--out=/elsewhere", "photos", "/gone/photos", 3, None])

@@ -17,11 +17,9 @@ from engine.core.errors import FormatError
 from engine.core.files import derived_name, is_inner_name, path_within
 from engine.objects.storage import list_objects, save_object
 from engine.project.objects import MuseumRecord, ObjectRecord, save_record
-from tests.conftest import ROOT
 from tests.engine.command_line import call
+from tests.engine.finished_project import write_finished_project
 from tests.engine.install.models.weights import fetched
-
-FIXTURE = ROOT / "tests" / "fixtures" / "first_release"
 
 
 @dataclass(frozen=True)
@@ -54,9 +52,8 @@ class Computer:
 @pytest.fixture
 def computer(tmp_path: Path) -> Computer:
     made = Computer(tmp_path)
-    shutil.copytree(FIXTURE, tmp_path / "sent")
-    shutil.copytree(FIXTURE / "project" / "objects" / "teapot", made.precious / "objects" / "vase")
-    made.edit("project.json", lambda data: data.update(photo_folder=str(tmp_path / "sent" / "photos")))
+    project = write_finished_project(tmp_path / "sent", recorded=False)
+    shutil.copytree(project / "objects" / "teapot", made.precious / "objects" / "vase")
     return made
 
 

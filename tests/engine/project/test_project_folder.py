@@ -14,7 +14,10 @@ import pytest
 
 from engine.core.errors import DiskError, FormatError, ProjectError, ProjectInUse
 from engine.core.files import atomic_write, finite_or_null, write_json
+from engine.project.content import scene_file
 from engine.project.folder import ProjectFolder, stage_key
+from tests.engine.command_line import call
+from tests.engine.finished_project import write_finished_project
 
 
 def test_failing_rename_leaves_the_old_file_and_no_leftovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,14 +76,19 @@ def test_damaged_project_file_is_said(tmp_path: Path) -> None:
     [
         ("[]", "must be an object"),
         ("{}", "`version` is missing"),
-        ('{"version": 0, "stages": {}}', "no version 0"),
+        *(
+            (
+                f'{{"version": {number}, "stages": {{}}}}',
+                f"format number {number}, and .* reads 1 only: update Gaussian",
+            )
+            for number in (0, 2, 99, -1)
+        ),
         ('{"version": 1}', "`stages` is missing"),
         ('{"version": 1, "stages": {"photos": {"key": 3}}}', r"`stages\.photos\.key` must be a text"),
         (
-            '{"version": 2, "stages": {}, "earlier_outputs": {"training": {"a": {}}}}',
+            '{"version": 1, "stages": {}, "earlier_outputs": {"training": {"a": {}}}}',
             r"`earlier_outputs\.training\.a\.size` is missing",
         ),
-        ('{"version": 99, "stages": {}}', "a newer version of Gaussian Heritage. Update"),
     ],
 )
 def test_project_file_of_another_kind_is_said(content: str, said: str, tmp_path: Path) -> None:
@@ -234,3 +242,23 @@ def test_numbers_that_json_does_not_know_are_never_written(tmp_path: Path) -> No
         write_json(tmp_path / "a.json", {"error": float("nan")})
     assert json.loads((tmp_path / "a.json").read_text()) == {"old": 1}
     assert finite_or_null({"a": [float("inf"), 1.5], "b": (float("nan"),)}) == {"a": [None, 1.5], "b": [None]}
+
+
+@pytest.mark.parametrize("number", [2, 0])
+def test_project_of_another_number_is_refused_by_commands_and_where_its_scene_is_shown(
+    number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Blender and the page show the scene that `scene_file` names; a batch runs `reconstruct`."""
+    path = write_finished_project(tmp_path)
+    stored = json.loads((path / "project.json").read_text(encoding="utf-8"))
+    write_json(path / "project.json", {**stored, "version": number})
+    said = f"has the format number {number}, and this version of Gaussian Heritage reads 1 only: update"
+    photos = tmp_path / "photos"
+    for command in (
+        ["export", path, "--format", "ply", "--out", tmp_path / "a.ply"],
+        ["reconstruct", photos, "--out", path],
+    ):
+        answer = call(capsys, *command)
+        assert answer.code != 0 and said in answer.error and "use a new folder for the scene." in answer.error
+    with pytest.raises(FormatError, match=said):
+        scene_file(path)

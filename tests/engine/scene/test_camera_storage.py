@@ -59,15 +59,6 @@ def test_the_health_of_the_cameras_survives(tmp_path: Path) -> None:
     assert read_camera_set(tmp_path).health == health
 
 
-def test_cameras_of_an_earlier_release_have_no_health(tmp_path: Path) -> None:
-    write_camera_set(tmp_path, camera_set())
-    file = tmp_path / "cameras.json"
-    data = json.loads(file.read_text(encoding="utf-8"))
-    del data["health"]
-    file.write_text(json.dumps(data), encoding="utf-8")
-    assert read_camera_set(tmp_path).health is None
-
-
 def test_a_health_of_no_colour_is_refused(tmp_path: Path) -> None:
     write_camera_set(tmp_path, dataclasses.replace(camera_set(), health=CameraHealth("red", "unclear", "Bad.")))
     file = tmp_path / "cameras.json"

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from engine.core.errors import HeritageError
+from engine.project.folder import ProjectFolder
 from engine.serve import downloads, feeds
 from engine.serve.feeds import Feeds
 from engine.serve.job_queue import JobQueue
@@ -26,8 +27,9 @@ from .conftest import API, Client
 
 def with_scene(client: Client) -> str:
     project = client.new_project()
+    ProjectFolder.create(client.folder(project) / "project")
     folder = client.folder(project) / "project" / "gaussians"
-    folder.mkdir(parents=True)
+    folder.mkdir()
     (folder / "scene.ply").touch()
     return project
 

@@ -242,7 +242,7 @@ def test_features_leave_the_geometry_as_without_them_unless_they_are_joint(scene
 def test_published_losses_run_too(scene: Scene, tmp_path: Path) -> None:
     paper = PRESETS["paper"].changed(
         steps=60, max_gaussians=400, sh_interval=20, clustering_interval=2, grow_interval=10,
-        regularisation_interval=4, curve_points=2, min_segment_pixels=100,
+        regularisation_interval=4, curve_points=2,
     )  # fmt: skip
     result = run(scene, paper, tmp_path)
     assert result.curve[-1].psnr > result.curve[0].psnr

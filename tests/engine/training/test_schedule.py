@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import SettingsError
-from engine.training.schedule import Schedule
+from engine.training.schedule import COOLDOWN_END, Schedule
 from engine.training.settings import PRESETS, validation_photos
 from engine.training.spectrum import coarse_shares
 
@@ -41,7 +41,7 @@ def test_opacity_is_held_down_until_gaussians_are_first_added() -> None:
 
 
 def test_picture_size_follows_the_detail_of_the_photos_up_to_full_size() -> None:
-    settings = STANDARD.changed(steps=100, coarse_levels=2, coarse_until=0.5)
+    settings = STANDARD.changed(steps=100, coarse_levels=2)
 
     def sizes(*shares: float) -> list[int]:
         schedule = Schedule(settings, 3, 1.0, shares=shares)
@@ -118,15 +118,11 @@ def test_rates_fall_to_the_end_and_further_in_the_cooldown() -> None:
     schedule = Schedule(STANDARD, 3, extent=2.0)
     assert schedule.learning_rates(0)["means"] == pytest.approx(2 * STANDARD.optimiser.lr_means)
     last = schedule.learning_rates(STANDARD.schedule.steps)
-    assert last["means"] == pytest.approx(
-        2 * STANDARD.optimiser.lr_means_end * STANDARD.schedule.cooldown_end, rel=0.01
-    )
-    assert last["sh_dc"] == pytest.approx(
-        STANDARD.optimiser.lr_sh * STANDARD.optimiser.lr_end * STANDARD.schedule.cooldown_end, rel=0.01
-    )
+    assert last["means"] == pytest.approx(2 * STANDARD.optimiser.lr_means_end * COOLDOWN_END, rel=0.01)
+    assert last["sh_dc"] == pytest.approx(STANDARD.optimiser.lr_sh * STANDARD.optimiser.lr_end * COOLDOWN_END, rel=0.01)
     assert schedule.exposure_rate(0) == STANDARD.optimiser.lr_exposure
     assert schedule.exposure_rate(STANDARD.schedule.steps) == pytest.approx(
-        STANDARD.optimiser.lr_exposure * STANDARD.optimiser.lr_end * STANDARD.schedule.cooldown_end, rel=0.01
+        STANDARD.optimiser.lr_exposure * STANDARD.optimiser.lr_end * COOLDOWN_END, rel=0.01
     )
     without = Schedule(STANDARD.changed(cooldown=0.0), 3, extent=2.0)
     assert without.learning_rates(STANDARD.schedule.steps - 1)["means"] == pytest.approx(
@@ -140,7 +136,7 @@ def test_a_trial_cools_down_over_its_own_steps_and_adds_no_gaussians() -> None:
     end = 1500 + schedule.trial_steps
     for name, rate in trial.learning_rates(end).items():
         undisturbed = schedule.learning_rates(end)["sh_dc" if name == "sh_rest" else name]
-        assert rate == pytest.approx(STANDARD.schedule.cooldown_end * undisturbed), name
+        assert rate == pytest.approx(COOLDOWN_END * undisturbed), name
     assert not schedule.growth_ended(1500) and trial.growth_ended(1500)
     assert set(trial.trained_on(2000)) == set(range(28)) - {4, 14, 23}
 
@@ -150,7 +146,7 @@ def test_a_trial_cools_down_over_its_own_steps_and_adds_no_gaussians() -> None:
     [
         ("steps", 0),
         ("lr_means", 0.0),
-        ("lambda_dssim", 1.5),
+        ("cooldown", 1.5),
         ("held_out_every", 1),
         ("growth_strategy", "x"),
         ("sh_degree", 4),

@@ -22,7 +22,7 @@ def test_settings_of_several_groups_are_changed_by_name_and_the_others_stay() ->
 
 
 @pytest.mark.parametrize(
-    ("name", "nearest"), [("step", "steps"), ("passers_by", "transients"), ("features", "train_features")]
+    ("name", "nearest"), [("step", "steps"), ("transient", "transients"), ("max_gaussian", "max_gaussians")]
 )
 def test_unknown_setting_is_refused_with_the_nearest_name(name: str, nearest: str) -> None:
     with pytest.raises(SettingsError, match=f"no setting `{name}`. Did you mean `{nearest}`"):
@@ -34,16 +34,12 @@ def test_changed_value_out_of_bounds_names_the_field() -> None:
         STANDARD.changed(max_gaussians=0)
 
 
-def test_names_and_stored_names_differ_over_all_groups() -> None:
+def test_names_differ_over_all_groups() -> None:
     """`changed` finds a setting by its name alone, and ``project.json`` stores all of them side by side."""
     names: Counter[str] = Counter()
     for own in fields(TrainingSettings):
         value = getattr(STANDARD, own.name)
-        names.update(
-            stored
-            for setting in (fields(value) if is_dataclass(value) else [own])
-            for stored in {setting.name, setting.metadata.get("stored_as", setting.name)}
-        )
+        names.update(setting.name for setting in (fields(value) if is_dataclass(value) else [own]))
     assert names.most_common(1)[0][1] == 1
 
 

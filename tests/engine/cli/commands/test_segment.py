@@ -71,15 +71,6 @@ def test_object_that_exists_is_told_instead_of_stored_twice(
     assert {file: file.read_bytes() for file in (scene / "objects").rglob("*.*")} == before
 
 
-def test_old_name_of_the_mask_option_works_with_a_warning(
-    scene: Path, blue: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    answer = call(capsys, "segment", scene, "--seed-mask", blue, "--name", "ball")
-    assert answer.code == 0
-    assert ["Use --mask instead." in event["message"] for event in answer.of_kind("warning")] == [True]
-    assert [record.name for record in list_objects(scene)] == ["ball"]
-
-
 def test_empty_prompt_says_what_to_type(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     answer = call(capsys, "segment", scene, "--prompt", " ")
     assert answer.code == 3

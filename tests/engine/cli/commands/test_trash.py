@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pytest
 
 from engine.objects.storage import list_objects
-from tests.conftest import ROOT
 from tests.engine.command_line import call
+from tests.engine.finished_project import write_finished_project
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    return Path(shutil.copytree(ROOT / "tests" / "fixtures" / "first_release" / "project", tmp_path / "project"))
+    return write_finished_project(tmp_path)
 
 
 def test_replaced_background_is_listed_restored_and_deleted(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:

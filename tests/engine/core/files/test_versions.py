@@ -1,4 +1,4 @@
-"""Files of an older release are read in the newest form, those of a newer one are refused."""
+"""A stored file of another format number is refused with a sentence that says what to do."""
 
 from __future__ import annotations
 
@@ -11,40 +11,35 @@ import pytest
 from engine.core.errors import FormatError
 from engine.core.files import read_versioned
 
-SCHEMAS = ({"version": int, "a": int}, {"version": int, "b": int}, {"version": int, "c": int})
-
-
-def b_of_a(data: dict[str, Any]) -> dict[str, Any]:
-    return {"b": data["a"] + 1}
-
-
-def c_of_b(data: dict[str, Any]) -> dict[str, Any]:
-    return {"c": data["b"] * 10}
-
 
 def read(path: Path, data: object) -> dict[str, Any]:
     path.write_text(json.dumps(data))
-    return read_versioned(path, SCHEMAS, (b_of_a, c_of_b), advice="Make it again.")
+    return read_versioned(path, {"version": int, "a": int}, version=3, advice="Make it again.")
 
 
-def test_each_version_is_migrated_step_by_step(tmp_path: Path) -> None:
-    file = tmp_path / "a.json"
-    assert read(file, {"version": 1, "a": 1}) == {"version": 3, "c": 20}
-    assert read(file, {"version": 2, "b": 1}) == {"version": 3, "c": 10}
-    assert read(file, {"version": 3, "c": 1}) == {"version": 3, "c": 1}
-    assert json.loads(file.read_text()) == {"version": 3, "c": 1}, "reading changes no file"
+def test_file_of_the_present_number_is_read(tmp_path: Path) -> None:
+    assert read(tmp_path / "a.json", {"version": 3, "a": 1}) == {"version": 3, "a": 1}
+
+
+@pytest.mark.parametrize("number", [4, 2, 0, -1])
+def test_another_number_is_refused_whatever_else_the_file_holds(number: int, tmp_path: Path) -> None:
+    with pytest.raises(FormatError) as raised:
+        read(tmp_path / "a.json", {"version": number, "b": 1})
+    assert str(raised.value) == (
+        f"{tmp_path / 'a.json'} has the format number {number}, and this version of Gaussian Heritage reads 3 only: "
+        "update Gaussian Heritage if a newer version wrote the file, otherwise make it again."
+    )
 
 
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        ({"version": 4, "d": 1}, "was written by a newer version of Gaussian Heritage. Update"),
-        ({"version": 0}, "no version 0"),
-        ({"version": "1"}, "must be a whole number"),
-        ({"version": 1, "b": 1}, "`a` is missing"),
+        ({"a": 1}, "`version` is missing"),
+        ({"version": "3"}, "must be a whole number"),
+        ({"version": 3, "b": 1}, "`a` is missing"),
         ([1], "must be an object"),
     ],
 )
-def test_what_cannot_be_migrated_is_said(data: object, said: str, tmp_path: Path) -> None:
+def test_what_has_no_number_or_another_form_is_said(data: object, said: str, tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=said):
         read(tmp_path / "a.json", data)

@@ -180,17 +180,11 @@ def test_sizes_of_a_begun_training_stay_on_another_computer(project: ProjectFold
 
 
 def test_scene_of_the_processor_stays_as_it_is_where_there_is_a_card(project: ProjectFolder) -> None:
-    project.finish_stage("training", "key", wall_seconds=1.0, cpu_seconds=1.0, figures={"preset": "standard"})
-    assert kept_sizes(project, "standard") == {}, "of an earlier release, which records no sizes"
+    record_sizes(project, "standard", {})
+    assert kept_sizes(project, "standard") == {}
     work = plan(card(), kept={})
     assert work.device.backend == "gpu" and training_settings(work).growth == PRESETS["standard"].growth
     assert any("begun on the processor and keeps its sizes" in note for note in work.notes)
-
-
-def test_interrupted_training_of_an_earlier_release_keeps_its_sizes(project: ProjectFolder) -> None:
-    project.put("work_plan", {"preset": "best"})
-    project.put("begun", ["training", "key"])
-    assert kept_sizes(project, "best") == {} and kept_sizes(project, "standard") is None
 
 
 @pytest.mark.parametrize("stored", [5, [], {"standard": 5}, {"standard": {"steps": "many"}}, {"standard": {"x": 1}}])

@@ -10,6 +10,8 @@ from engine.training import AdamState, Target, adam_step, guards
 from engine.training.checkpoint import RunState
 from engine.training.gpu import GpuParameters, GpuTrainer, StepLimits, StepPlan, StepSettings
 from engine.training.losses import (
+    LAMBDA_PULL,
+    LAMBDA_PUSH,
     N_ANCHORS,
     N_FAR,
     N_FAR_CANDIDATES,
@@ -69,8 +71,7 @@ def plan(step: int, schedule: Schedule, levels: list[Level], neighbours: torch.T
         anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
         tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
         regulariser = NeighbourSample(
-            anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, EXTENT, features.lambda_pull,
-            features.lambda_push,
+            anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, EXTENT, LAMBDA_PULL, LAMBDA_PUSH,
         )  # fmt: skip
     if clustering is None and regulariser is None:
         del rates["features"]
@@ -93,7 +94,7 @@ def test_steps_with_all_terms_are_those_of_the_processors_trainer(opened_gpu: Gp
         guards.MAX_ASPECT, guards.MAX_LOGIT,
     )  # fmt: skip
     settings = StepSettings(
-        lambda_dssim=SETTINGS.loss.lambda_dssim, lambda_scale=SETTINGS.loss.lambda_scale / EXTENT,
+        lambda_scale=SETTINGS.loss.lambda_scale / EXTENT,
         lambda_exposure=SETTINGS.appearance.lambda_exposure, unit_features=True, limits=limits,
     )  # fmt: skip
     before = arrays(state.parameters)

@@ -19,7 +19,9 @@ FORECAST = {"stages": STAGES, "free_memory": None, "cores": 2, "n_runs": 0, "sec
 
 
 def write_forecast(project: Path, forecast: object) -> None:
-    (project / "project.json").write_text(json.dumps({"version": 1, "stages": {}, "forecast": forecast}))
+    (project / "project.json").write_text(
+        json.dumps({"version": 1, "stages": {}, "earlier_outputs": {}, "forecast": forecast})
+    )
 
 
 def test_time_of_the_stages_to_come_is_added(tmp_path: Path) -> None:
