@@ -26,7 +26,7 @@ from engine.scene import Camera, focal_and_center, read_camera_set
 
 from .server import ROOT, Row
 
-__all__ = ["WEBGL", "engine_picture", "page_rows", "read_picture", "serving"]
+__all__ = ["WEBGL", "engine_picture", "page_rows", "read_picture", "serving", "started_server"]
 
 PAGE = ROOT / "engine" / "serve" / "page" / "dist"
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
@@ -39,13 +39,20 @@ LONGEST_MS = 120_000
 @contextmanager
 def serving(folder: Path, *more: str) -> Iterator[str]:
     """Run the server with the data in `folder` and `more` arguments, and yield its address on this computer."""
+    with started_server(folder, *more) as said:
+        found = re.search(r"(https?)://[^ /]+:(\d+)/", next(said))
+        assert found is not None
+        yield f"{found[1]}://127.0.0.1:{found[2]}/"
+
+
+@contextmanager
+def started_server(folder: Path, *more: str) -> Iterator[Iterator[str]]:
+    """Run the server with the data in `folder` and `more` arguments, and yield the lines that it says."""
     command = [sys.executable, "-m", "engine", "serve", "--events", f"--data={folder}", "--port=0", *more]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, start_new_session=True)
     assert process.stdout is not None
-    found = re.search(r"(https?)://[^ /]+:(\d+)/", process.stdout.readline())
-    assert found is not None
     try:
-        yield f"{found[1]}://127.0.0.1:{found[2]}/"
+        yield iter(process.stdout)
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()

@@ -9,7 +9,7 @@ import numpy as np
 from ..scene import CameraHealth
 from .evidence import BETTER, MUCH_BETTER, Evidence, PairFit
 
-__all__ = ["TURNED", "judge", "refuted_images"]
+__all__ = ["TURNED", "are_refuted", "judge", "refuted_images"]
 
 _DEPARTURE = 0.03
 """Departure of an aspect (as a logarithm) or of a principal point (in sides of the photo) that counts: 3 %."""
@@ -291,6 +291,12 @@ def refuted_images(pairs: Sequence[PairFit], *, exact: bool = False) -> list[int
         worst = min(wrong, key=lambda image_id: wrong[image_id])
         refuted.append(worst)
         left = [pair for pair in left if worst not in (pair.first, pair.second)]
+
+
+def are_refuted(pairs: Sequence[PairFit]) -> bool:
+    """Return whether `pairs` refute given cameras: those of a photo, or of all."""
+    distance = float(np.median([pair.distance for pair in pairs])) if pairs else 0.0
+    return distance > _FAR_FROM_LINES or bool(refuted_images(pairs, exact=True))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -70,7 +70,7 @@ def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
     record = asdict(load_record(project.project, item.id))
     shown = {name: getattr(item, name) for name in ("id", "name", "prompt", "score", "kind", "n_gaussians")}
     picture = f"/api/v1/projects/{project.id}/objects/{item.id}/thumbnail.jpg"
-    return {**shown, **record, "picture": picture if item.kind != "background" else ""}
+    return {**shown, **record, "picture": picture}
 
 
 def describe_removed(item: TrashItem) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def export_path(
 ) -> Path:
     """Return where the export of the scene (None) or of an object is kept; another place after each change.
 
-    With the frame ``world``, that of the cameras, the file is for the viewer and holds far Gaussians, too.
+    With the frame ``world``, that of the cameras, the file is for the viewer: with far Gaussians, without a record.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _stem(object_id: str | None, frame: str) -> str:
 def _export(project: WebProject, object_id: str | None, file_format: str, frame: str, file: Path) -> None:
     arguments = ["export", str(project.project), f"--format={file_format}", f"--out={file}", f"--frame={frame}"]
     arguments += [f"--title={visible(project.title)}"]
-    arguments += ["--far=keep"] if frame == "world" else []
+    arguments += ["--far=keep", "--record=none"] if frame == "world" else []
     arguments += [] if object_id is None else [f"--object={object_id}"]
     call_engine(arguments, "export")
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
 
-from ..core.errors import Cancelled
 from ..workers.jobs import Job
 
 __all__ = ["interrupted_jobs"]
@@ -33,17 +32,12 @@ def interrupted_jobs(found: Sequence[tuple[Path, Job]]) -> list[Job]:
     wanted = []
     for of_project in jobs.values():
         last = of_project[-1]
-        if not last.is_taken() and _was_ended(last) and _times_killed(of_project) < _MAX_KILLED:
+        if not last.is_taken() and last.was_ended() and _times_killed(of_project) < _MAX_KILLED:
             wanted.append(last)
     return sorted(wanted, key=lambda job: job.folder.name)
-
-
-def _was_ended(job: Job) -> bool:
-    state = job.poll()
-    return not state.running and not state.finished and state.error_type in ("", Cancelled.__name__)
 
 
 def _times_killed(jobs: Sequence[Job]) -> int:
     """Return how often in a row the last of these jobs was killed."""
     same = takewhile(lambda job: job.command == jobs[-1].command, reversed(jobs))
-    return sum(1 for _ in takewhile(lambda job: _was_ended(job) and not job.poll().error_type, same))
+    return sum(1 for _ in takewhile(lambda job: job.was_ended() and not job.poll().error_type, same))

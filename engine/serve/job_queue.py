@@ -34,13 +34,17 @@ _ON_CLUSTER = 8
 """Jobs that a cluster gets at a time, each of another project: some 100 MB of memory each on the server."""
 _LABELS = {"--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}"}
 _WORDS = {"--all": "Find all objects", "--complement": "Isolate the background"}
+_STOPPED = "What is computed so far is kept. Continue goes on from there."
 _CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment": ("objects",)}
 """What of a project a finished job of each kind has changed."""
 
 
 @dataclass(frozen=True)
 class JobView:
-    """A job as clients see it; the fields are those of the API."""
+    """A job as clients see it; the fields are those of the API.
+
+    A job in the state ``stopped`` without an `error` was stopped by the user.
+    """
 
     id: str
     kind: str
@@ -325,9 +329,10 @@ def _view_of_job(job: Job) -> JobView:
         fraction=state.fraction,
         seconds_left=state.seconds_left,
         seconds_left_in_all=_left_in_all(job, state),
-        message=state.message,
+        message=_STOPPED if job.was_stopped() else state.message,
         warnings=tuple(state.warnings[-5:]),
-        error=state.error,
+        # A process that told its error still has to end.
+        error="" if state.running or job.was_stopped() else state.error,
         curve=tuple(state.curve),
         preview=bool(state.preview),
         objects=_objects_of(state),

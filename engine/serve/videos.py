@@ -20,7 +20,7 @@ def frames_arguments(project: WebProject, video: Path, density: float = 1.0) -> 
 
 
 def describe_videos(project: WebProject) -> list[dict[str, Any]]:
-    """Return name, size and number of photos of each video, and the problem of one that gave none.
+    """Return of each video name, size, number of photos, whether taking them was stopped, and why it gave none.
 
     ``density`` is that of the last job that took photos from it; 0 while there was none.
     """
@@ -35,13 +35,15 @@ def describe_videos(project: WebProject) -> list[dict[str, Any]]:
         own = re.compile(re.escape(video.stem) + r"_\d{6,}\.jpg")
         n_photos = sum(own.fullmatch(photo) is not None for photo in photos)
         job = last.get(name)
-        problem = "" if job is None or job.poll().running else job.poll().error
+        is_stopped = job is not None and job.was_stopped()
+        problem = "" if job is None or is_stopped or job.poll().running else job.poll().error
         described.append(
             {
                 "name": name,
                 "bytes": size_of(video),
                 "n_photos": n_photos,
                 "density": 0.0 if job is None else _density(job),
+                "stopped": is_stopped,
                 "problem": problem,
             }
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from benchmarks.serve.page import serving
+from benchmarks.serve.page import serving, started_server
 
 from .conftest import PAGE, PHOTOS, PLACES, ROOT, RUN_MS, keep_picture, new_project
 
@@ -214,7 +215,10 @@ def test_work_is_shown_while_it_waits_runs_and_fails(server: OwnServer, open_own
     keep_picture(running, "state_running")
     running.get_by_role("button", name="Stop").click()
     running.get_by_role("dialog").get_by_role("button", name="Stop").click()
-    expect(running.get_by_role("button", name="Try again")).to_be_visible(timeout=RUN_MS)
+    expect(running.get_by_role("heading", name="Reconstruct the scene: stopped")).to_be_visible(timeout=RUN_MS)
+    expect(running.get_by_text("What is computed so far is kept. Continue goes on from there.")).to_be_visible()
+    expect(running.get_by_role("button", name="Continue")).to_be_visible()
+    keep_picture(running, "state_stopped")
     expect(waiting.get_by_role("heading", name="could not be finished")).to_be_visible(timeout=RUN_MS)
     keep_picture(waiting, "state_failed")
     told = "Reconstruct the scene: could not be finished"
@@ -248,6 +252,41 @@ def test_nobody_is_signed_in(open_own: OpenOwn, tmp_path: Path) -> None:
         page.get_by_label("Access token").fill(max(re.findall(r"[\w-]+", said), key=len))
         page.get_by_role("button", name="Sign in").click()
         expect(page.get_by_role("heading", name="Projects")).to_be_visible()
+
+
+@pytest.mark.web
+def test_phone_that_scans_the_code_is_signed_in_and_uploads(open_own: OpenOwn, tmp_path: Path) -> None:
+    """Through the address of this computer in its network, as another device reaches it."""
+    with started_server(tmp_path, "--lan", "--first-user=ada") as said:
+        link = next(filter(None, (scanned(json.loads(line).get("message", "")) for line in said)))
+        address, _, code = link.partition("#/sign-in/")
+        assert code and not re.search(r"//(127\.|localhost)", address)
+        phone = open_own(link, "phone")
+        expect(phone.get_by_role("heading", name="Projects")).to_be_visible()
+        expect(phone.get_by_text("ada", exact=True)).to_be_visible()
+        # The code is not left in the address, and the session outlives a reload.
+        assert code not in phone.url
+        phone.reload()
+        new_project(phone, "From the phone")
+        choose(phone, PHOTOS[:2])
+        expect(photo_tiles(phone)).to_have_count(2, timeout=60_000)  # type: ignore[arg-type]
+        keep_picture(phone, "state_phone_signed_in")
+        # It serves once.
+        other = open_own(link, "phone")
+        expect(other.get_by_role("heading", name="Sign in")).to_be_visible()
+
+
+def scanned(text: str) -> str:
+    """Return what a QR code of half blocks in a text of a terminal says; empty without one."""
+    rows = [line for line in text.splitlines() if line and set(line) <= set("█▀▄ ")]
+    if not rows:
+        return ""
+    upper = [[char in "█▀" for char in row] for row in rows]
+    lower = [[char in "█▄" for char in row] for row in rows]
+    # The blocks are the light modules, as terminals are dark.
+    light = np.array([row for pair in zip(upper, lower, strict=True) for row in pair])
+    picture = np.kron(np.pad(light, 4, constant_values=True), np.ones((8, 8))).astype(np.uint8) * 255
+    return cv2.QRCodeDetector().detectAndDecode(picture)[0]
 
 
 @pytest.mark.web

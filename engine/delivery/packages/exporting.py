@@ -1,22 +1,24 @@
-"""The Gaussians of a scene or an object as they are exported, with their record, in each format."""
+"""The Gaussians of a scene or an object as they are exported, with their record, in each format.
+
+What renders is imported where it is needed: PyTorch takes seconds to start, which most exports would only wait for.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cameras import training_pinhole
 from ...core.errors import SettingsError
 from ...core.events import StopCheck
 from ...formats import FileFacts, Up, WritingTools, format_of, write_scene
 from ...objects import list_objects, load_membership, load_object, object_gaussians
-from ...pictures import Backend, Scene, encode_picture
+from ...pictures import encode_picture
 from ...project.folder import ProjectFolder
 from ...scene import (
     Camera,
@@ -33,11 +35,13 @@ from ...scene import (
     load_measurement,
     read_camera_set,
 )
-from ...training import Coverage, Parameters, load_gaussians
+from ...training import load_gaussians
 from ..records import describe_object, describe_scene, gltf_extras, ply_comments, xmp_packet
-from ..report import best_seen_from, orbit_cameras
 from .page import Framing, Part, framing_of_object, framing_of_scene, write_page
-from .turntable import Turn, turn_of_object, turn_of_scene
+
+if TYPE_CHECKING:
+    from ...pictures import Backend
+    from .turntable import Turn
 
 __all__ = ["Export", "divided", "load_export", "turn_of", "write_export"]
 
@@ -218,6 +222,9 @@ def _moved(by: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _photos_that_saw(export: Export, backend: Backend) -> NDArray[np.int32]:
     """Return how many photos saw each exported Gaussian: its centre is in the picture, and nothing is before it."""
+    from ...cameras import training_pinhole
+    from ...training import Coverage, Parameters
+
     whole = export.whole
     values = Parameters.from_gaussians(whole, sh_degree=whole.sh_degree, features=False).values
     cameras = [training_pinhole(camera, max_side=_COVERAGE_SIDE) for camera in export.camera_set.cameras]
@@ -238,8 +245,12 @@ def _framing(export: Export, backend: Backend) -> Framing:
         return framing_of_scene([_pinhole(camera) for camera in cameras], up)
     if len(export.gaussians) == 0:
         return Framing([0.0, 0.0, 0.0], 1.0, (), up)
+    from ...pictures import Scene
+    from ..report import best_seen_from, orbit_cameras
+
     (seen_from,) = best_seen_from(Scene(export.whole, backend=backend), [export.members], cameras)
-    return framing_of_object(export.gaussians, _sides(export.gaussians, seen_from), up)
+    sides = orbit_cameras(export.gaussians.means, seen_from, count=_N_VIEWS, side=_VIEW_SIDE)
+    return framing_of_object(export.gaussians, sides, up)
 
 
 def _size(gaussians: Gaussians, measurement: Measurement) -> dict[str, Any]:
@@ -252,10 +263,6 @@ def _size(gaussians: Gaussians, measurement: Measurement) -> dict[str, Any]:
     size = {"width_metres": width, "depth_metres": depth, "height_metres": height}
     text = f"{100 * width:.1f} x {100 * depth:.1f} x {100 * height:.1f} cm (width, depth, height of its Gaussians)"
     return {"size": {**size, "text": text}}
-
-
-def _sides(gaussians: Gaussians, seen_from: Sequence[Camera]) -> list[PinholeCamera]:
-    return orbit_cameras(gaussians.means, seen_from, count=_N_VIEWS, side=_VIEW_SIDE)
 
 
 def _pinhole(camera: Camera) -> PinholeCamera:
@@ -276,6 +283,8 @@ def turn_of(export: Export, backend: Backend, should_stop: StopCheck) -> Turn:
     should_stop : callable
         See `engine.core.events`.
     """
+    from .turntable import turn_of_object, turn_of_scene
+
     cameras = export.camera_set.cameras
     if export.members is None:
         return turn_of_scene(export.gaussians, cameras, backend=backend, should_stop=should_stop)

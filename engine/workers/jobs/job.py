@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import events
-from ...core.errors import DiskError, EnvironmentProblem, FormatError, ProjectError
+from ...core.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ProjectError
 from ...core.files import atomic_write, delete_derived, opened, optional, path_within, read_json, write_json
 from ...core.system import (
     STOP_VARIABLE,
@@ -302,6 +302,16 @@ class Job:
                     f"{self._pid} is still this job: if it goes on, end it with the system's own tools."
                 )
             self._kill_at = time.monotonic() + grace_seconds
+
+    def was_ended(self) -> bool:
+        """Return whether the job was ended from outside, by a request or a signal, and not by an error of its own."""
+        state = self.poll()
+        return not state.running and not state.finished and state.error_type in ("", Cancelled.__name__)
+
+    def was_stopped(self) -> bool:
+        """Return whether the job ended because it was asked to, also where it had to be killed then."""
+        is_asked = self._state.error_type == Cancelled.__name__ or (self.folder / _STOP).exists()
+        return self.was_ended() and is_asked
 
     def wait(self, interval: float = 0.05) -> JobState:
         """Poll until the job has ended, and log its progress. Blocks: for background mode only."""

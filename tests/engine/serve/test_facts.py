@@ -61,9 +61,28 @@ def test_thumbnail_is_cut_out_of_the_photo(client: Client, project: str) -> None
         assert picture.size == (28, 28)
 
 
-def test_object_that_no_photo_was_asked_for_has_no_picture(client: Client, project: str) -> None:
+def test_object_that_was_found_in_no_photo_is_cut_out_of_one_that_shows_it(
+    client: Client, project: str, scene: BlobScene
+) -> None:
+    """As the background, and what was made by hand."""
+    folder = client.folder(project) / "project"
+    members = (np.asarray(scene.part) == BLUE).astype(np.float32)
+    record = ObjectRecord("hand", "hand", {"kind": "hand"}, 1.0, 0.5, 0.0, int(members.sum()), len(members))
+    save_object(folder, record, members)
+    answer = client.http.get(f"{API}/projects/{project}/objects/hand/thumbnail.jpg")
+    assert answer.status_code == 200
+    with Image.open(io.BytesIO(answer.content)) as picture:
+        pixels = np.asarray(picture.convert("RGB"), float)
+    # The part is blue, so the middle of its picture is.
+    red, _, blue = pixels[len(pixels) // 3 : 2 * len(pixels) // 3].mean(axis=(0, 1))
+    assert blue > 1.5 * red
+
+
+def test_object_that_no_photo_shows_has_no_picture(client: Client, project: str) -> None:
     folder = client.folder(project)
     (folder / "project" / "objects" / "ball" / "seed.png").unlink()
+    for photo in (folder / "photos").iterdir():
+        photo.unlink()
     assert client.http.get(f"{API}/projects/{project}/objects/ball/thumbnail.jpg").status_code == 404
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from engine.serve.feeds import Feeds
+from tests.conftest import wait_until
 
 from .conftest import API, Client, jpeg
 
@@ -82,7 +83,9 @@ def test_second_job_waits_and_both_can_be_stopped(client: Client, project: str, 
     assert client.http.delete(f"{API}/projects/{other}/jobs/{waiting['id']}").status_code == 204
     assert client.http.get(f"{API}/projects/{other}").json()["waiting"] == []
     assert client.http.delete(f"{API}/projects/{project}/jobs/{running['id']}").status_code == 204
-    assert client.wait_for_job(project, "stopped")["error"]
+    stopped = client.wait_for_job(project, "stopped")
+    assert (stopped["error"], stopped["message"][:24]) == ("", "What is computed so far ")
+    assert client.http.post(f"{API}/projects/{project}/jobs/{stopped['id']}/continue").status_code == 202
 
 
 def test_jobs_of_several_projects_go_to_a_cluster_at_the_same_time(
@@ -249,6 +252,18 @@ def test_job_that_the_user_stopped_is_not_continued(
     client.stop()
     make_client(stop_jobs=True).wait_for_job(project, "stopped")
     assert (client.folder(project) / "project" / "runs.txt").read_text() == "reconstruct\n"
+
+
+def test_job_has_failed_only_when_it_has_ended(client: Client, project: str, fake_engine: Engine) -> None:
+    """Otherwise the page would say that it failed, and offer to stop it."""
+    fake_engine("say('error', message='Too few photos overlap.', error='CameraError')\n" + FOREVER)
+    reconstruct(client, project)
+    events = client.folder(project) / "jobs"
+    wait_until(lambda: any('"CameraError"' in file.read_text() for file in events.glob("*/events.jsonl")))
+    job = client.wait_for_job(project, "running")
+    assert job["error"] == ""
+    only_process(client).kill()
+    assert client.wait_for_job(project, "stopped")["error"] == "Too few photos overlap."
 
 
 def test_killed_engine_is_told(client: Client, project: str, fake_engine: Engine) -> None:

@@ -67,3 +67,12 @@ def test_scene_is_downloaded_under_the_name_of_the_project(client: Client, proje
     assert answer.content.startswith(b"ply\n")
     answer = client.http.get(f"{API}/projects/{project}/export", params={"format": "sog"})
     assert answer.headers["content-type"] == "application/zip" and answer.content.startswith(b"PK")
+
+
+def test_scene_for_the_viewer_is_the_gaussians_alone(client: Client, project: str) -> None:
+    """What the viewer does not show, the record and how many photos saw each Gaussian, would only be waited for."""
+    shown = client.http.get(f"{API}/projects/{project}/scene.ply").content.partition(b"end_header")[0]
+    kept = client.http.get(f"{API}/projects/{project}/export", params={"format": "ply"}).content
+    record = kept.partition(b"end_header")[0]
+    assert b"photos_seen" in record and b"title" in record
+    assert b"photos_seen" not in shown and b"title" not in shown

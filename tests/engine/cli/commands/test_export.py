@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -36,6 +38,8 @@ from tests.engine.museum import write_point_cloud
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
+ROOT = Path(__file__).resolve().parents[3]
+
 
 @pytest.fixture
 def scene(blobs: BlobScene, tmp_path: Path) -> Path:
@@ -67,6 +71,17 @@ def test_existing_file_is_replaced_only_when_asked_and_never_halved(
     assert write(capsys, kind, scene, out, "--overwrite").code == 0
     assert out.stat().st_size > 1000
     assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, "photos", "project"]
+
+
+@pytest.mark.parametrize("kind", ["ply", "glb", "spz", "sog"])
+def test_gaussians_alone_are_written_without_waiting_for_pytorch(kind: str, scene: Path, tmp_path: Path) -> None:
+    """The viewer of the page waits for such a file."""
+    code = (
+        "import sys; from engine.cli.main import main; assert main(sys.argv[1:]) == 0; "
+        "assert not {'torch', 'numba'} & set(sys.modules)"
+    )
+    words = ["export", str(scene), f"--format={kind}", f"--out={tmp_path / f'out.{kind}'}", "--record=none"]
+    subprocess.run([sys.executable, "-c", code, *words], check=True, cwd=ROOT)
 
 
 @pytest.mark.parametrize("kind", ["ply", "glb", "png"])

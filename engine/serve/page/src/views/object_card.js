@@ -93,7 +93,6 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
 
   function updatePicture() {
     const missing = () => refill(picture, h("span", { "aria-hidden": "true" }, "◌"));
-    if (!object.picture) return missing();
     refill(picture, h("img", { src: `${object.picture}?v=${version}`, alt: "", loading: "lazy", onerror: missing }));
   }
 

@@ -132,7 +132,7 @@ export function createPhotos(context) {
     // The unusable ones come first: they need attention.
     const ordered = all.sort((a, b) => (a.accepted === false ? 0 : 1) - (b.accepted === false ? 0 : 1));
     ordered.forEach((photo, index) => {
-      const key = JSON.stringify([photo.accepted, photo.reason, photo.problem, photo.n_photos, photo.density]);
+      const key = JSON.stringify([photo.accepted, photo.reason, photo.problem, photo.stopped, photo.n_photos, photo.density]);
       let tile = tiles.get(tileName(photo));
       if (tile?.key !== key) {
         const fresh = photo.isVideo ? videoTile(photo) : tileOf(photo);
@@ -166,10 +166,11 @@ export function createPhotos(context) {
 
   /** A video with what became of it: how many photos, or why none; and a button that takes more of them. */
   function videoTile(video) {
-    const denser = Math.min(2 * (video.density || 1), DENSEST);
+    const denser = video.stopped ? video.density : Math.min(2 * (video.density || 1), DENSEST);
     const take = () => startJob(id, { kind: "frames", video: video.name, density: denser }).then(context.refresh);
-    const more = h("button", { type: "button", class: "small", onclick: () => during(more, take) }, "Take more photos");
-    const state = video.problem || (video.n_photos > 0 ? `${plural(video.n_photos, "photo")} taken from it` : "No photos taken from it yet");
+    const more = h("button", { type: "button", class: "small", onclick: () => during(more, take) }, video.stopped ? "Take photos" : "Take more photos");
+    const nothing = video.stopped ? "Taking photos from it was stopped" : "No photos taken from it yet";
+    const state = video.problem || (video.n_photos > 0 ? `${plural(video.n_photos, "photo")} taken from it` : nothing);
     return h(
       "li",
       { class: video.problem ? "video bad" : "video" },
@@ -178,7 +179,7 @@ export function createPhotos(context) {
       h("p", { class: "name", title: video.name }, video.name),
       h("p", { class: video.problem ? "problem" : "hint" }, state),
       video.problem ? h("p", { class: "hint" }, "Remove it, then choose a copy that plays.") : null,
-      video.n_photos > 0 && denser > video.density ? more : null,
+      video.stopped || (video.n_photos > 0 && denser > video.density) ? more : null,
     );
   }
 
