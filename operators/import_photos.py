@@ -27,7 +27,7 @@ _LABELLED = (
     ("prompts", pgettext_n("vase, teapot; empty: none")),
     ("cameras", pgettext_n("Empty: estimated from the photos")),
     ("masks", pgettext_n("Empty: no masks")),
-    ("project", pgettext_n("Empty: a new folder beside the photos")),
+    ("project", pgettext_n("Empty: beside the photos")),
 )
 """Fields below their own labels, with what they show while they are empty."""
 _DIALOG_LINE_LENGTH = 65

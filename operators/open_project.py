@@ -24,15 +24,12 @@ __all__ = ["CLASSES"]
 
 
 @blender_properties
-class HERITAGE_OT_open_project(bpy.types.Operator):
-    """Add a project folder to this file: its scene, cameras and objects. Each project has a scene of its own"""
+class _ProjectFolderOperator(bpy.types.Operator):
+    """Asks for the folder of a project."""
 
-    bl_idname = "heritage.open_project"
-    bl_label = "Open Project"
     bl_options = {"REGISTER", "UNDO"}
 
     directory: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
-    with_cameras: Annotated[bool, BoolProperty(name="Cameras", description="Add a camera for each photo", default=True)]
     filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -40,10 +37,25 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Import the project."""
+    def _project(self) -> Path:
+        """Return the selected folder, which holds a project; raise what `scene_file` raises."""
         project = Path(bpy.path.abspath(self.directory)).absolute()
         scene_file(project)
+        return project
+
+
+@blender_properties
+class HERITAGE_OT_open_project(_ProjectFolderOperator):
+    """Add a project folder to this file: its scene, cameras and objects. Each project has a scene of its own"""
+
+    bl_idname = "heritage.open_project"
+    bl_label = "Open Project"
+
+    with_cameras: Annotated[bool, BoolProperty(name="Cameras", description="Add a camera for each photo", default=True)]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Import the project."""
+        project = self._project()
         relink_scene_of(project)
         scene = scene_for(project)
         if context.window is not None:
@@ -59,26 +71,15 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
         return {"FINISHED"}
 
 
-@blender_properties
-class HERITAGE_OT_find_project(bpy.types.Operator):
+class HERITAGE_OT_find_project(_ProjectFolderOperator):
     """Choose where the missing project of this scene is now. The scene and its objects stay as they are"""
 
     bl_idname = "heritage.find_project"
     bl_label = "Find Project"
-    bl_options = {"REGISTER", "UNDO"}
-
-    directory: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
-    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Open the file browser to select the folder."""
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Relink the scene and its objects."""
-        project = Path(bpy.path.abspath(self.directory)).absolute()
-        scene_file(project)
+        project = self._project()
         if not is_missing(context.scene.heritage):
             raise ProjectError("No project of this scene is missing. Use Open Project for another one.")
         relink(project_of(context.scene.heritage), project)

@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from window_test import Window
-
-PACKAGE = "bl_ext.user_default.gaussian_heritage"
-SCREEN_HEIGHT = 1000
+from window_driver import PACKAGE, SCREEN_HEIGHT, Window
 
 
 def invoke(window: Window, operator: str, **options: object) -> None:
@@ -27,8 +22,9 @@ for area in first.screen.areas:
 
 
 def frame_object(window: Window) -> tuple[tuple[float, float], float]:
-    """Show an isolated object in Solid; return the position of its middle on the screen, and its height there."""
+    """Show an isolated object in Solid; return where its surface is seen near its middle, and its height, in pixels."""
     answer = window.python(f"""
+import importlib
 import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 first = bpy.context.window_manager.windows[0]
@@ -51,7 +47,11 @@ for area in first.screen.areas:
         members = [one.matrix_world @ vertex.co for vertex, item in zip(one.data.vertices,
                    one.data.attributes["membership"].data) if item.value >= threshold]
         seen = np.array([location_3d_to_region_2d(region, view, member) for member in members])
-        x, y = np.median(seen, axis=0)
+        visible = importlib.import_module({PACKAGE + ".gaussian_heritage_addon.project.visible_splats"!r})
+        sight, splats = visible.sight_of_viewport(region, view), visible.SplatsInView.of(bpy.context.scene)
+        # Between the parts of an object, as of the back of a chair, there is nothing to click.
+        order = np.round(seen[np.argsort(np.linalg.norm(seen - np.median(seen, axis=0), axis=1))])
+        x, y = next(place for place in order if splats.seen(*sight.ray(*place)).point is not None)
         height = np.ptp(np.quantile(seen[:, 1], [.1, .9]))
         print(first.x + region.x + x, {SCREEN_HEIGHT} - first.y - region.y - y, height)
 """)
@@ -75,17 +75,15 @@ def edit_by_hand(window: Window) -> None:
     before = int(window.python(f"print({count})"))
     region = [x - height, y - 0.25 * height, x, y - 0.6 * height, x + height, y - height]
     invoke(window, "edit_region", action="TAKE", shape="BOX")
-    window.run("path", *map(round, region))
-    time.sleep(5)
+    window.drag(*region)
     window.check("a box in the view takes a part of the object", f"0 < {count} < {before}")
+    window.scroll(12)
     window.shot("by_hand")
-    window.run("key", "ctrl+z")
-    time.sleep(5)
-    window.settle()
+    window.scroll(-40)
+    window.keys("ctrl+z")
     window.check("Ctrl+Z gives it back", f"{count} == {before} and not {obj}.heritage.is_edited")
     invoke(window, "edit_region", action="TAKE", shape="BOX")
-    window.run("path", *map(round, region))
-    time.sleep(5)
+    window.drag(*region)
     after = int(window.python(f"print({count})"))
     window.python("bpy.ops.heritage.store_edits()")
     state = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
@@ -97,9 +95,6 @@ def edit_by_hand(window: Window) -> None:
 def _two_ends(window: Window) -> list[tuple[float, float]]:
     """Return positions on the screen, near the bottom and the top of the framed object, where a surface is seen."""
     answer = window.python(f"""
-import importlib
-visible = importlib.import_module({PACKAGE + ".gaussian_heritage_addon.project.visible_splats"!r})
-sight, splats = visible.sight_of_viewport(region, view), visible.SplatsInView.of(bpy.context.scene)
 order = np.round(seen[np.argsort(seen[:, 1])])
 for places in (order, order[::-1]):
     x, y = next(one for one in places[len(places) // 10:] if splats.seen(*sight.ray(*one)).point is not None)
@@ -120,13 +115,9 @@ def measure_scene(window: Window) -> None:
     window.check("Blender measures in metres", "bpy.context.scene.unit_settings.system == 'METRIC'")
     unmeasured = "bpy.context.scene.unit_settings.system == 'NONE'"
     stored = "__import__('pathlib').Path(bpy.path.abspath(bpy.context.scene.heritage.project), 'measurement.json')"
-    window.run("key", "ctrl+z")
-    time.sleep(5)
-    window.settle()
+    window.keys("ctrl+z")
     window.check("Ctrl+Z takes the measurement back, in the project too", f"{unmeasured} and not {stored}.exists()")
-    window.run("key", "ctrl+shift+z")
-    time.sleep(5)
-    window.settle()
+    window.keys("ctrl+shift+z")
     window.check("Ctrl+Shift+Z brings it again", f"not {unmeasured} and {stored}.exists()")
     frame_object(window)
     ends = _two_ends(window)
@@ -139,6 +130,7 @@ def measure_scene(window: Window) -> None:
     window.check(
         "the ruler shows the known distance", f"abs({measuring}.rulers(bpy.context.scene)[-1][1] - 0.3) < 0.06"
     )
+    window.scroll(12)
     window.shot("measured")
     window.python("bpy.context.preferences.view.language = 'de_DE'")
     time.sleep(5)
@@ -148,3 +140,4 @@ def measure_scene(window: Window) -> None:
     )
     window.python("bpy.context.preferences.view.language = 'en_US'")
     time.sleep(3)
+    window.scroll(-40)

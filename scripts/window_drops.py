@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from window_test import Window
+from window_driver import Window
 
 
 def drop_files(window: Window, ply: Path, photos: Sequence[Path], video: Path) -> None:
@@ -24,8 +22,7 @@ def drop_files(window: Window, ply: Path, photos: Sequence[Path], video: Path) -
     for name, files in (("photos", photos), ("video", [video])):
         _drop(window, "i", "HERITAGE_OT_import_photo_folder.invoke", *files)
         window.shot(f"dropped_{name}")
-        window.run("key", "Escape")
-        window.settle()
+        window.keys("Escape")
         print(f"  dropped {name} open the dialog of the import", flush=True)
 
 

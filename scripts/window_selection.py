@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
-from window_by_hand import PACKAGE, frame_object, invoke
-
-if TYPE_CHECKING:
-    from window_test import Window
+from window_by_hand import frame_object, invoke
+from window_driver import PACKAGE, Window
 
 ADDON = f"{PACKAGE}.gaussian_heritage_addon"
 LAYER = "bpy.context.window_manager.windows[0].view_layer"
@@ -37,15 +34,11 @@ def select_objects(window: Window) -> None:
     window.click(x, y)
     window.check("a click on visible splats selects the object, in Blender and in the list", _is_selected(name))
     window.shot("selected")
-    window.run("key", "ctrl+z")
-    time.sleep(3)
-    window.settle()
+    window.keys("ctrl+z")
     window.check("Ctrl+Z undoes the selection", f"not {obj}.select_get()")
     window.python(f"for one in {LAYER}.objects: one.select_set(False)")
     side = height
-    window.run("path", *map(round, (x - side, y - side, x, y, x + side, y + side)))
-    time.sleep(3)
-    window.settle()
+    window.drag(x - side, y - side, x, y, x + side, y + side)
     window.check("a box around visible splats selects the object", f"{obj}.select_get()")
     window.check(
         "the active object is one of those in the box, and the row of the list",
@@ -53,13 +46,9 @@ def select_objects(window: Window) -> None:
     )
     window.python(f"{ROW} = bpy.data.objects.find({name!r})")
     window.check("a row of the list selects the object in Blender", _is_selected(name))
-    window.run("key", "h")
-    time.sleep(2)
-    window.settle()
+    window.keys("h")
     window.check("H closes the eye of the list, also for renders", f"{obj}.heritage.hidden and {obj}.hide_render")
-    window.run("key", "alt+h")
-    time.sleep(2)
-    window.settle()
+    window.keys("alt+h")
     window.check("Alt+H opens it again", f"not {obj}.heritage.hidden and {obj}.visible_get()")
     window.python(f"{ROW} = bpy.data.objects.find({name!r})")
     _look_in_edit_mode(window, (x, y), height, obj)
@@ -75,24 +64,16 @@ def select_objects(window: Window) -> None:
 
 def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float, obj: str) -> None:
     (x, y), half = place, 0.25 * height
-    window.run("key", "Tab")
-    time.sleep(4)
-    window.settle()
-    window.run("key", "alt+a")
-    time.sleep(2)
-    window.settle()
+    window.keys("Tab")
+    window.keys("alt+a")
     flags = f"{_module('edited_splats')}.vertex_flags({obj})"
     window.check("the mode is Edit Mode, in which nothing is selected", f"not {flags}[0].any()")
     window.check("the object is drawn in Edit Mode", f"{obj}.data.name_full in {_module('splat_view')}._state.edited")
     window.check("what is below the threshold is no dot", f"(~{flags}[1]).sum() == len({_rows(obj)})")
-    window.run("path", *map(round, (x - half, y - half, x, y, x + half, y + half)))
-    time.sleep(4)
-    window.settle()
+    window.drag(x - half, y - half, x, y, x + half, y + half)
     window.check("a box in Edit Mode selects Gaussians", f"0 < {flags}[0].sum() < len({flags}[0])")
     window.shot("edit_mode")
-    window.run("key", "Tab")
-    time.sleep(3)
-    window.settle()
+    window.keys("Tab")
     window.check("Tab leaves Edit Mode", f"{obj}.mode == 'OBJECT'")
 
 
@@ -115,9 +96,7 @@ def change_tools(window: Window) -> None:
     window.check("a new tool ends the former", f"{running} == ['HERITAGE_OT_measure']")
     window.shot("tool")
     window.click(x, y)
-    window.run("key", "Escape")
-    time.sleep(2)
-    window.settle()
+    window.keys("Escape")
     window.check("Escape leaves the tool", f"{running} == []")
     window.click(x, y)
     if window.python(f"print({stored})") != before:

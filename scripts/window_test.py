@@ -19,12 +19,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from places import ROOT, python_of
-from window_by_hand import PACKAGE, SCREEN_HEIGHT, edit_by_hand, measure_scene
+from window_by_hand import edit_by_hand, measure_scene
+from window_driver import PACKAGE, Failed, Window
 from window_drops import drop_files
+from window_render import move_project, render_as_shown
 from window_report import report
 from window_selection import change_tools, continue_jobs, select_objects
 
-SCRIPT = ROOT / "scripts" / "window" / "window.sh"
 PICTURES = ROOT / "docs" / "pictures" / "window"
 PARTS = {
     "set_up": "184x112+768+78",
@@ -36,8 +37,10 @@ PARTS = {
     "click_object": "650x20+172+58",
 }
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
-SHOWN = ("by_hand", "measured", "german", "selected", "edit_mode", "tool", "waiting", "stopped")
+SHOWN = ("by_hand", "measured", "german", "selected", "edit_mode", "tool", "waiting", "stopped", "render_shown")
 """Further screenshots that are stored as pictures of the documentation, and not compared."""
+SET_UP_BELOW, IMPORT_BELOW, BY_HAND_BELOW, MEASURE_BELOW = 138, 79, 634, 661
+"""Buttons, and the headers of panels before there is an object, in pixels under the top of the sidebar."""
 MAX_DIFFERENCE = 0.04
 """Mean difference of a part, 0 to 1; another text or another place of a button is above."""
 COMPARED_SIDE, MIN_LIKENESS = 320, 40.0
@@ -56,117 +59,6 @@ VIEW_LOCATION = (
     "next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D')"
     ".spaces.active.region_3d.view_location"
 )
-
-
-class Failed(Exception):
-    """Something that a curator would see is not as it should be."""
-
-
-class Window:
-    """A Blender window. Positions are pixels of the screen, from its upper left corner."""
-
-    def __init__(self, work: Path, root: Path, sees: list[Path]) -> None:
-        self.work = work
-        self._shots = work / "screenshots"
-        self._environment = {
-            **os.environ, "BLENDER_WINDOW_ROOT": str(root), "BLENDER_WINDOW_WORK": str(work),
-            "BLENDER_WINDOW_SEES": ":".join(map(str, sees)),
-        }  # fmt: skip
-
-    def run(self, *words: object, text: str | None = None) -> str:
-        """Run a command of window.sh and return what it prints."""
-        command = ["bash", str(SCRIPT), *map(str, words)]
-        done = subprocess.run(
-            command, env=self._environment, input=text, capture_output=True, text=True, check=False, timeout=1800
-        )
-        if done.returncode:
-            raise Failed(f"{' '.join(command)} failed: {done.stdout[-500:]}{done.stderr[-500:]}")
-        return done.stdout
-
-    def start(self, how: str = "start") -> None:
-        """Start Blender, and the screen unless `how` is "again", and wait until it answers."""
-        if how == "start":
-            self.stop()
-        # Programs started in a chroot keep the pipes of `run` open.
-        subprocess.Popen(
-            ["bash", str(SCRIPT), how], env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL, start_new_session=True,
-        )  # fmt: skip
-        time.sleep(8)
-        self.wait_for("True", 60)
-
-    def stop(self) -> None:
-        """End Blender."""
-        subprocess.run(["bash", str(SCRIPT), "stop"], env=self._environment, capture_output=True, check=False)
-
-    def python(self, code: str, seconds: int = 300) -> str:
-        """Run Python in the window and return what it prints."""
-        answer = self.run("py", seconds, text=code)
-        if "Traceback" in answer:
-            raise Failed(answer)
-        return answer.strip()
-
-    def wait_for(self, condition: str, seconds: float) -> None:
-        """Wait until a Python expression is true in the window."""
-        end = time.monotonic() + seconds
-        while self.python(f"print(bool({condition}))") != "True":
-            if time.monotonic() > end:
-                raise Failed(f"not true within {seconds:.0f} s: {condition}")
-            time.sleep(1.0)
-
-    def click(self, x: float, y: float) -> None:
-        """Press the left mouse button at a position."""
-        self.run("click", round(x), round(y))
-        time.sleep(1.5)
-        self.settle()
-
-    def settle(self) -> None:
-        """Wait until Blender has handled what was pressed, and drawn it: on a busy computer this takes seconds."""
-        for _ in range(2):
-            self.python("print()")
-
-    def shot(self, name: str) -> None:
-        """Save the screen as ``screenshots/<name>.png``."""
-        self._shots.mkdir(exist_ok=True)
-        self.run("shot", self._shots / f"{name}.png")
-
-    def region(self, area: str, region: str) -> tuple[int, int, int, int]:
-        """Return left, top, width and height of a region on the screen."""
-        code = f"""
-for window in bpy.context.window_manager.windows:
-    for area in window.screen.areas:
-        for region in area.regions:
-            if (area.type, region.type) == {(area, region)!r} and region.height > 1:
-                print(window.x + region.x, {SCREEN_HEIGHT} - window.y - region.y - region.height, end=" ")
-                print(region.width, region.height)
-"""
-        found = self.python(code).splitlines()
-        if not found:
-            raise Failed(f"there is no region {region} of a {area}")
-        left, top, width, height = map(int, found[0].split())
-        return left, top, width, height
-
-    def newest(self) -> tuple[int, int, int, int]:
-        """Return left, top, right and bottom of the newest window of Blender on the screen."""
-        code = f"w = bpy.context.window_manager.windows[-1]; y = {SCREEN_HEIGHT} - w.y; "
-        answer = self.python(code + "print(w.x, y - w.height, w.x + w.width, y)")
-        left, top, right, bottom = map(int, answer.split())
-        return left, top, right, bottom
-
-    def press(self, right: float, below: float) -> None:
-        """Click in the sidebar, `right` of its width from its left, `below` pixels under its top."""
-        left, top, width, _ = self.region("VIEW_3D", "UI")
-        self.click(left + right * width, top + below)
-
-    def fail(self, what: str) -> None:
-        """Raise `Failed`."""
-        raise Failed(what)
-
-    def check(self, what: str, condition: str) -> None:
-        """Raise `Failed` unless a Python expression is true in the window."""
-        if self.python(f"print(bool({condition}))") != "True":
-            raise Failed(f"{what}: {condition}")
-        print(f"  {what}", flush=True)
 
 
 # ---- the steps
@@ -223,7 +115,7 @@ for area in bpy.context.window_manager.windows[0].screen.areas:
     time.sleep(1)
     window.settle()
     window.shot("set_up")
-    window.press(0.4, 138)
+    window.press(0.4, SET_UP_BELOW)
     window.shot("licences")
     begin = time.monotonic()
     window.run("key", "Return")
@@ -238,7 +130,7 @@ for area in bpy.context.window_manager.windows[0].screen.areas:
 
 def import_photos(window: Window) -> None:
     """Import the photos with the preset preview, and look at the scene that arrives."""
-    window.press(0.4, 79)
+    window.press(0.4, IMPORT_BELOW)
     time.sleep(1)
     window.python(f"""
 for window in bpy.context.window_manager.windows:
@@ -266,6 +158,9 @@ for window in bpy.context.window_manager.windows:
     window.check("the default cube is gone", "'Cube' not in bpy.data.objects")
     time.sleep(10)
     window.shot("imported")
+    # The lower one first: an open panel moves those below it.
+    window.press(0.3, MEASURE_BELOW)
+    window.press(0.3, BY_HAND_BELOW)
 
 
 def compare_with_engine(window: Window) -> None:
@@ -478,6 +373,8 @@ def main() -> int:
         ("export", lambda: export(window)),
         ("survive a crash", lambda: survive_a_crash(window)),
         ("continue jobs", lambda: continue_jobs(window)),
+        ("move the project", lambda: move_project(window)),
+        ("render", lambda: render_as_shown(window)),
         ("compare the pictures", lambda: compare_pictures(window, keep=options.keep)),
     ]
     try:

@@ -123,8 +123,13 @@ def import_large(file: str) -> None:
 
 def picture(photo: str, side: int, share: float, out: str) -> None:
     """Save what the shader of the viewports draws of the scene in the view of a photo."""
-    scene, view = bpy.context.scene, part("gaussian_heritage_addon.splats.splat_view")
     bpy.ops.heritage.look_through_photo(photo=photo, longest_side=side)
+    drawn([obj for obj in bpy.context.scene.objects if obj.heritage.role == "SCENE"], share, out)
+
+
+def drawn(objects: list[Any], share: float, out: str) -> None:
+    """Save what the shader of the viewports draws of objects in the view of the scene's camera."""
+    scene, view = bpy.context.scene, part("gaussian_heritage_addon.splats.splat_view")
     width, height = scene.render.resolution_x, scene.render.resolution_y
     camera = scene.camera
     window_matrix = camera.calc_matrix_camera(
@@ -134,7 +139,6 @@ def picture(photo: str, side: int, share: float, out: str) -> None:
         scale_x=scene.render.pixel_aspect_x,
         scale_y=scene.render.pixel_aspect_y,
     )
-    objects = [obj for obj in scene.objects if obj.heritage.role == "SCENE"]
     offscreen = gpu.types.GPUOffScreen(width, height, format="RGBA16F")
     detail = view.Detail(share=share)
     view.draw_to(offscreen, view.tables_of(objects), objects, camera.matrix_world.inverted(), window_matrix, detail)

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 from places import blender_environments, python_of  # noqa: E402
-from window_test import Window  # noqa: E402
+from window_driver import Window  # noqa: E402
 
 __all__ = ["BlenderWindow", "blender_environments"]
 

@@ -11,9 +11,9 @@ from .text_lines import lines_of
 
 __all__ = ["draw_text"]
 
-_MARGIN, _BOX_MARGIN, _ICON_WIDTH, _LEAST_WIDTH = 40, 16, 20, 100
-"""Widths in pixels at the default interface scale: of both margins of a panel with its tabs, of those of a box, of
-an icon, and of the narrowest line."""
+_MARGIN, _BOX_MARGIN, _ICON_WIDTH, _LEAST_WIDTH = 66, 16, 20, 100
+"""Widths in pixels at the default interface scale: of both margins of a panel with its tabs and of a label, of those of
+a box, of an icon, and of the narrowest line. Those of Blender 5.2, which are wider than those of 4.5."""
 _DEFAULT_LINE_LENGTH = 60
 """Characters per line where the width of the region is not known."""
 _MAX_LENGTH = 2000
@@ -42,15 +42,16 @@ def draw_text(
         lines = lines_of(shown, line_length or _DEFAULT_LINE_LENGTH, len)
     else:
         margins = _MARGIN + _BOX_MARGIN * n_boxes + (_ICON_WIDTH if icon != "NONE" else 0)
-        width = region.width / bpy.context.preferences.system.ui_scale - margins
-        lines = lines_of(shown, max(width, _LEAST_WIDTH), _width_of)
+        scale = bpy.context.preferences.system.ui_scale
+        lines = lines_of(shown, max(region.width - scale * margins, scale * _LEAST_WIDTH), _width_of)
     column = layout.column(align=True)
     for number, line in enumerate(lines):
         column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
 
 def _width_of(text: str) -> float:
-    """Return the width of a label in pixels at Blender's default interface scale."""
-    blf.size(0, bpy.context.preferences.ui_styles[0].widget.points)
+    """Return the width of a label in pixels of the screen."""
+    # At its own size: widths of letters are rounded to pixels.
+    blf.size(0, bpy.context.preferences.ui_styles[0].widget.points * bpy.context.preferences.system.ui_scale)
     width: float = blf.dimensions(0, text)[0]
     return width

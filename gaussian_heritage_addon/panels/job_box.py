@@ -34,7 +34,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool
     """
     box = layout.box()
     if job.of_earlier_session:
-        box.label(text="Started before Blender was closed", icon="TIME")
+        draw_text(box, "Started before Blender was closed", icon="TIME", n_boxes=1)
     if state.running:
         if bar:
             row = box.row(align=True)
@@ -71,8 +71,8 @@ def draw_curve(layout: bpy.types.UILayout, subject: str, points: Sequence[Point]
     if not points:
         return
     seconds, psnr = points[-1]
-    layout.label(text=translated("{:.1f} dB after {:.0f} s (photos not trained on)", psnr, seconds))
+    draw_text(layout, translated("{:.1f} dB after {:.0f} s (photos not trained on)", psnr, seconds), n_boxes=1)
     icon = curve_icon(subject, points)
     if icon:
         layout.template_icon(icon_value=icon, scale=8.0)
-        layout.label(text="PSNR in dB, higher is better, against seconds")
+        draw_text(layout, "PSNR in dB, higher is better, against seconds", n_boxes=1)

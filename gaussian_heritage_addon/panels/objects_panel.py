@@ -68,8 +68,10 @@ class HERITAGE_UL_objects(bpy.types.UIList):
         flt_flag: int = 0,
     ) -> None:
         """Draw one object."""
-        row = layout.split(factor=_NAME_SHARE, align=True)
-        row.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
+        split = layout.split(factor=_NAME_SHARE, align=True)
+        split.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
+        # Of a row, symbols take their own width only, and the number keeps its digits.
+        row = split.row(align=True)
         row.prop(item.heritage, "threshold", text="", slider=True)
         if is_unstored(item):
             # Not as stored; below the list stands the button that stores it.
@@ -192,7 +194,7 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         if properties.level != properties.stored_level:
             row.operator("heritage.refine_object", text="Keep").level = properties.level
     if properties.kind == "all":
-        column.label(text="Its name is a guess: double-click it", icon="QUESTION")
+        draw_text(column, "Its name is a guess: double-click it", icon="QUESTION")
     column.operator("heritage.solo_object", icon="SOLO_ON")
     if properties.kind != "background":
         column.operator("heritage.click_object", text="Correct by Clicks", icon="EYEDROPPER").refine = True

@@ -5,6 +5,7 @@
 #   window.sh py [SECONDS]        runs Python from standard input inside the window's Blender, prints its output
 #   window.sh click X Y [BUTTON] | drag X1 Y1 X2 | type TEXT | key KEYS...    pixels of a 1600x1000 screen
 #   window.sh move X Y            the pointer, without a button
+#   window.sh wheel X Y STEPS     turns the mouse wheel, downwards; upwards for negative STEPS
 #   window.sh path X1 Y1 X2 Y2 ...   presses at the first position, moves over the others, releases at the last
 #   window.sh drop X Y FILE...    drops files, as a file manager does
 #   window.sh shot FILE.png       the whole screen
@@ -53,6 +54,7 @@ py)
 # Blender wants to see the pointer arrive before it is pressed, and a press to last.
 click) inside xdotool mousemove $(($2 - 6)) $(($3 - 3)) sleep 0.3 mousemove "$2" "$3" sleep 0.5 mousedown "${4:-1}" sleep 0.12 mouseup "${4:-1}" ;;
 move) inside xdotool mousemove $(($2 - 6)) $(($3 - 3)) sleep 0.3 mousemove "$2" "$3" ;;
+wheel) inside xdotool mousemove "$2" "$3" sleep 0.5 click --repeat "${4#-}" --delay 80 $(( $4 > 0 ? 5 : 4 )) ;;
 drag)
   inside xdotool mousemove $(($2 - 4)) "$3" sleep 0.8 mousemove "$2" "$3" sleep 1.5 mousedown 1 sleep 0.8
   for i in 1 2 3 4 5 6; do inside xdotool mousemove $(($2 + ($4 - $2) * i / 6)) "$3" sleep 0.7; done

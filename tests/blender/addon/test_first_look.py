@@ -7,10 +7,11 @@ from pathlib import Path
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
+import blf
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout
+from conftest import FakeLayout, isolated
 
 Part = Callable[[str], ModuleType]
 Draw = Callable[[str], FakeLayout]
@@ -131,6 +132,44 @@ def test_text_in_a_box_is_broken_at_the_width_of_the_box(
     for n_boxes, icon in ((0, "NONE"), (1, "NONE"), (1, "ERROR"), (2, "ERROR")):
         drawn = FakeLayout()
         layouts.draw_text(drawn, text, icon=icon, n_boxes=n_boxes)
-        space = 240 - 40 - 16 * n_boxes - (20 if icon == "ERROR" else 0)
+        # In Blender 5.2's window, a panel leaves this much of its region to the letters of a label.
+        space = 2 * (240 - 66 - 16 * n_boxes - (20 if icon == "ERROR" else 0))
         widths = [layouts._width_of(line) for line in drawn.texts]
         assert max(widths) <= space and np.mean(widths[:-1]) > 0.6 * space
+
+
+class RowsLayout(FakeLayout):
+    """Fake layout that also records the labels of buttons that share a row, and whether each has an icon."""
+
+    def __init__(self, rows: list[list[tuple[str, bool]]], own: list[tuple[str, bool]]) -> None:
+        super().__init__()
+        self._rows, self._own = rows, own
+
+    def row(self, **options: Any) -> FakeLayout:
+        self._rows.append([])
+        return RowsLayout(self._rows, self._rows[-1])
+
+    def column(self, **options: Any) -> FakeLayout:
+        return RowsLayout(self._rows, [])
+
+    def operator(self, name: str, **options: Any) -> Any:
+        own = getattr(bpy.ops.heritage, name.partition(".")[2]).get_rna_type().name
+        self._own.append((options.get("text", own), "icon" in options))
+        return self._operator(name)
+
+
+@pytest.mark.parametrize("language", ["English", "German"])
+@pytest.mark.parametrize("panel", ["objects", "by_hand", "measure"])
+def test_labels_of_two_buttons_in_a_row_fit_the_sidebar(opened: Any, part: Part, panel: str, language: str) -> None:
+    german = part("gaussian_heritage_addon.language.german").TEXTS
+    bpy.context.scene.heritage.active = next(n for n, obj in enumerate(bpy.data.objects) if obj in isolated().values())
+    rows: list[list[tuple[str, bool]]] = []
+    layout = RowsLayout(rows, [])
+    getattr(bpy.types, f"HERITAGE_PT_{panel}").draw(SimpleNamespace(layout=layout), bpy.context)
+    pairs = [row for row in rows if len(row) == 2 and all(text for text, _ in row)]
+    assert pairs
+    blf.size(0, 11)
+    for text, has_icon in (button for pair in pairs for button in pair):
+        shown = german[text] if language == "German" else text
+        # Of the sidebar of 280 pixels, a panel has 226: half of it, less the margins of a button and its icon.
+        assert blf.dimensions(0, shown)[0] <= 113 - 8 - (20 if has_icon else 0), shown
