@@ -32,7 +32,7 @@ def test_each_version_is_migrated_step_by_step(tmp_path: Path) -> None:
     assert read(file, {"version": 1, "a": 1}) == {"version": 3, "c": 20}
     assert read(file, {"version": 2, "b": 1}) == {"version": 3, "c": 10}
     assert read(file, {"version": 3, "c": 1}) == {"version": 3, "c": 1}
-    assert json.loads(file.read_text()) == {"version": 3, "c": 1}, "reading changes no file"
+    assert json.loads(file.read_text(encoding="utf-8")) == {"version": 3, "c": 1}, "reading changes no file"
 
 
 @pytest.mark.parametrize(
