@@ -13,9 +13,10 @@ example: python scripts/windows_test.py --doc docs/windows.md
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from places import ROOT
@@ -28,6 +29,8 @@ from windows.test_steps import test_steps
 from windows.way_steps import way_steps
 
 MARK = "## Ran\n"
+_TABLE = "| step | result | commit | what was seen |\n| --- | --- | --- | --- |"
+_CHANGED = "and changes"
 
 
 def say(line: str) -> None:
@@ -45,8 +48,11 @@ def make_computer(cache: Path) -> None:
             install_wheels(cache, name, say)
 
 
-def run_steps(steps: Sequence[Step], context: Context) -> list[Result]:
-    """Run the steps in their order; a step of which a needed one failed is not run, and counts as failed."""
+def run_steps(steps: Sequence[Step], context: Context, tell: Callable[[Result], None] = lambda _: None) -> list[Result]:
+    """Run the steps in their order; a step of which a needed one failed is not run, and counts as failed.
+
+    `tell` is called with each result at once, so that nothing is lost when a later step is interrupted.
+    """
     results: list[Result] = []
     for step in steps:
         say(step.name)
@@ -62,20 +68,65 @@ def run_steps(steps: Sequence[Step], context: Context) -> list[Result]:
             except Exception:
                 result = Result(step, False, f"a fault of this script: {traceback.format_exc(limit=-3)}")
         results.append(result)
+        tell(result)
         say(f"  {'passed' if result.passed else 'FAILED'}: {result.text}")
     return results
 
 
-def document(results: Sequence[Result]) -> str:
-    """Return the results as a section of docs/windows.md."""
-    lines = [
-        f"With Wine 10 (Debian 13) and Windows' Python 3.11.9, as the user `{USER}`.", "",
-        "| step | result | what was seen |", "| --- | --- | --- |",
-    ]  # fmt: skip
+def document(results: Sequence[Result], steps: Sequence[str], commit: str, earlier: str = "") -> str:
+    """Return the section of docs/windows.md: a row for each step.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Of the steps that ran now.
+    steps : sequence of str
+        Names of all steps, in the order of the rows.
+    commit : str
+        State of the product that they ran with.
+    earlier : str
+        The section that is replaced. Its rows of the other steps are kept.
+    """
+    rows = {}
+    if _TABLE in earlier:
+        rows = {line.split(" | ")[0].removeprefix("| "): line for line in earlier.partition(_TABLE)[2].splitlines()}
     for result in results:
         seen = " ".join(result.text.split()).replace("|", "\\|")
-        lines.append(f"| {result.step.name} | {'passed' if result.passed else '**failed**'} | {seen} |")
+        passed = "passed" if result.passed else "**failed**"
+        rows[result.step.name] = f"| {result.step.name} | {passed} | {commit} | {seen} |"
+    lines = [
+        f"With Wine 10 (Debian 13) and Windows' Python 3.11.9, as the user `{USER}`. `make windows-test` writes this",
+        "section. `--only` and `--quick` replace the rows of the steps that they run, so each row names the commit",
+        f"that its step ran with. \"{_CHANGED}\" says that files were changed since that commit.", "", _TABLE,
+    ]  # fmt: skip
+    lines += [rows.get(name, f"| {name} | **not run** | | |") for name in steps]
     return "\n".join(lines) + "\n"
+
+
+def commit_of(product: Path) -> str:
+    """Return the commit of a checkout, abbreviated, with `_CHANGED` when other files than documents were changed."""
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=product, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise Problem(
+                f"{product} must be a checkout of git, so that the results name its commit: {done.stderr.strip()}"
+            )
+        return done.stdout.strip()
+
+    changed = git("status", "--porcelain", "--untracked-files=no", "--", ".", ":(exclude)docs")
+    return git("rev-parse", "--short=8", "HEAD") + (f" {_CHANGED}" if changed else "")
+
+
+def _writer(file: Path, steps: Sequence[str], product: Path) -> Callable[[Result], None]:
+    """Return a function that writes the row of a result into the document."""
+    commit = commit_of(product)
+
+    def write(result: Result) -> None:
+        head, _, earlier = file.read_text(encoding="utf-8").partition(MARK)
+        file.write_text(f"{head}{MARK}\n{document([result], steps, commit, earlier)}", encoding="utf-8")
+
+    return write
 
 
 def main() -> int:
@@ -91,8 +142,8 @@ def main() -> int:
     parser.add_argument("--keep", action="store_true", help="continue with the computers of the last run")
     parser.add_argument("--engine-folder", help="of Windows, for the engine (default: the product's own choice)")
     options = parser.parse_args()
-    tests = test_steps(quick=options.quick)
-    steps = tests if options.quick else [*tests, *way_steps()]
+    every = [*test_steps(quick=False), *way_steps()]
+    steps = test_steps(quick=True) if options.quick else every
     if options.only:
         steps = [one for one in steps if any(one.name.startswith(word) for word in options.only)]
     if options.list:
@@ -104,13 +155,11 @@ def main() -> int:
         variables = {"GAUSSIAN_HERITAGE_ENGINE": options.engine_folder} if options.engine_folder else {}
         keep = options.keep or bool(options.only)
         context = Context(options.product.resolve(), cache, keep=keep, variables=variables)
-        results = run_steps(steps, context)
+        tell = _writer(options.doc, [one.name for one in every], context.product) if options.doc else lambda _: None
+        results = run_steps(steps, context, tell)
     except Problem as problem:
         print(f"Failed: {problem}", file=sys.stderr)
         return 1
-    if options.doc:
-        head = options.doc.read_text(encoding="utf-8").partition(MARK)[0]
-        options.doc.write_text(f"{head}{MARK}\n{document(results)}", encoding="utf-8")
     failed = [one for one in results if not one.passed]
     say(f"{len(results) - len(failed)} of {len(results)} steps passed")
     return 1 if failed else 0

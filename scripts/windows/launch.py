@@ -207,7 +207,7 @@ class Windows:
 
     def run(
         self, program: Sequence[object], *, cwd: Path | None = None, timeout: float | None = None, capture: bool = True,
-        stdin: int = subprocess.DEVNULL, env: Mapping[str, str] | None = None,
+        stdin: int = subprocess.DEVNULL, env: Mapping[str, str] | None = None, log: Path | None = None,
     ) -> Done:  # fmt: skip
         """Run a Windows program and everything that it starts until it ends.
 
@@ -225,23 +225,31 @@ class Windows:
             As for `subprocess.run`.
         env : mapping, optional
             More environment variables.
+        log : Path, optional
+            File that all its output is written to while it runs; `Done.out` is what it has at the end.
 
         Raises
         ------
         Problem
             When this computer cannot run it, or another program runs in the prefix.
         """
-        with self.locked(), self.start(program, cwd=cwd, capture=capture, stdin=stdin, env=env) as process:
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(self.locked())
+            output = stack.enter_context(log.open("wb")).fileno() if log else subprocess.PIPE if capture else None
+            process = stack.enter_context(self.start(program, cwd=cwd, output=output, stdin=stdin, env=env))
+            code = None
             try:
                 out, err = process.communicate(timeout=timeout)
             except subprocess.TimeoutExpired:
+                code = _STOPPED
                 process.kill()
                 out, err = process.communicate()
-                return Done(_STOPPED, _text(out), _text(err))
             except BaseException:
                 process.kill()
                 raise
-        return Done(process.returncode, _text(out), _text(err))
+        if log:
+            out = log.read_bytes()
+        return Done(process.returncode if code is None else code, _text(out), _text(err))
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
@@ -255,7 +263,7 @@ class Windows:
             yield
 
     def start(
-        self, program: Sequence[object], *, cwd: Path | None = None, capture: bool = True,
+        self, program: Sequence[object], *, cwd: Path | None = None, output: int | None = subprocess.PIPE,
         stdin: int = subprocess.DEVNULL, env: Mapping[str, str] | None = None,
     ) -> subprocess.Popen[bytes]:  # fmt: skip
         """Start a Windows program within `locked`; killing the returned process ends all that it has started."""
@@ -271,8 +279,7 @@ class Windows:
         command += [*([] if self.network else ["--net"]), "bash", "-c", _INSIDE, "_", str(root), USER]
         command += [*shared, "--", *(f"{name}={value}" for name, value in variables.items())]
         command += ["/bin/bash", "-c", _START, "_", WINE, *words]
-        pipe = subprocess.PIPE if capture else None
-        return subprocess.Popen(command, stdin=stdin, stdout=pipe, stderr=pipe)
+        return subprocess.Popen(command, stdin=stdin, stdout=output, stderr=output)
 
     def variables(self) -> dict[str, str]:
         """Return the environment variables of all programs.

@@ -92,8 +92,10 @@ def install_python(template: Windows, say: Callable[[str], None]) -> None:
         done = template.run([template.python, "-m", "venv", "--without-pip", environment], timeout=300)
         if done.code:
             raise Problem(f"Windows' Python could not make an environment: {done.err[-1500:]}")
-        line = template.windows(site_folder(template.cache, name))
-        (environment / "Lib" / "site-packages" / "locked.pth").write_text(f"{line}\n", encoding="utf-8")
+        # Where the product looks for packages. Wine shows a link as the folder that it leads to.
+        packages = environment / "Lib" / "site-packages"
+        packages.rmdir()
+        packages.symlink_to(site_folder(template.cache, name))
     (folder / STAMP).write_text(made_from)
 
 

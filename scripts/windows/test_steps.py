@@ -7,17 +7,17 @@ import functools
 import re
 import shutil
 from collections.abc import Mapping
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from .launch import CODE_PAGES, USER, Windows
-from .linux_only import BLENDER, GROUPS, NOT_ON_WINDOWS, QUICK
+from .linux_only import BLENDER, GROUPS, IN_BLENDER, NOT_ON_WINDOWS, QUICK
 from .problem import Problem
 from .steps import Context, Step
 
-__all__ = ["test_addon", "test_steps"]
+__all__ = ["test_addon", "test_steps", "told"]
 
-_MAX_SECONDS = 3600.0
-_MAX_SECONDS_OF_A_TEST = 240
+_MAX_SECONDS = 7200.0
+_MAX_SECONDS_OF_A_TEST = 1200
 _SHOWN_FAILURES = 12
 
 
@@ -52,8 +52,8 @@ def _run_group(name: str, context: Context) -> str:
     return _run_tests(name, context, computer, [computer.tests_python, *arguments], context.product, left_out)
 
 
-def test_addon(context: Context) -> str:
-    """Run the add-on's tests in Blender as a module, with the installed zip, as `scripts/run_blender_tests.py` does."""
+def test_addon(name: str, context: Context) -> str:
+    """Run a group of tests in Blender as a module, with the installed zip, as `scripts/run_blender_tests.py` does."""
     computer = context.computer("blender")
     folder = computer.drive / "blender-tests"
     shutil.rmtree(folder, ignore_errors=True)
@@ -67,10 +67,12 @@ def test_addon(context: Context) -> str:
         "GAUSSIAN_HERITAGE_FIXTURES": context.product / "tests" / "fixtures",
     }  # fmt: skip
     environment = {name: computer.windows(path) for name, path in variables.items()}
-    left_out = [one for one in NOT_ON_WINDOWS if one.startswith(BLENDER)]
+    files = IN_BLENDER[name]
     words = [computer.environment_python("blender"), "-P", "-m", "pytest", "-c", folder / "tests" / "pytest.ini"]
-    ids = [one.removeprefix(BLENDER) for one in left_out]
-    return _run_tests("add-on in Blender", context, computer, [*words, folder / "tests"], folder, ids, environment)
+    words += [folder / "tests" / file for file in files]
+    ids = [one.removeprefix(BLENDER) for one in NOT_ON_WINDOWS]
+    left_out = [one for one in ids if one.startswith(files)]
+    return _run_tests(f"add-on in Blender, {name}", context, computer, words, folder, left_out, environment)
 
 
 def _run_tests(
@@ -78,21 +80,32 @@ def _run_tests(
     environment: Mapping[str, str] | None = None,
 ) -> str:  # fmt: skip
     """Run pytest and return the numbers; raise with the names of failed tests."""
-    options = ["-q", "--tb=short", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={_MAX_SECONDS_OF_A_TEST}"]
+    options = ["-v", "--tb=short", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={_MAX_SECONDS_OF_A_TEST}"]
     options += ["-o", "faulthandler_exit_on_timeout=true"]
     options += [word for one in left_out for word in ("--deselect", one)]
     variables = {"PYTHONDONTWRITEBYTECODE": "1", **(environment or {})}
-    done = computer.run([*command, *options], cwd=folder, timeout=_MAX_SECONDS, env=variables)
     log = context.cache / "logs" / f"tests {name}.txt"
     log.parent.mkdir(exist_ok=True)
-    log.write_text(f"{done.out}\n{done.err}", encoding="utf-8")
-    counts = re.findall(r"^.*\b\d+ (?:passed|failed|errors?|skipped)\b.*$", done.out, re.MULTILINE)
+    done = computer.run([*command, *options], cwd=folder, timeout=_MAX_SECONDS, env=variables, log=log)
     if done.timed_out:
-        raise Problem(f"no end within {_MAX_SECONDS:.0f} s; output in {log}")
-    failures = re.findall(r"^(?:FAILED|ERROR) (\S+)", done.out, re.MULTILINE)
-    if failures or done.code:
-        more = f" and {len(failures) - _SHOWN_FAILURES} more" if len(failures) > _SHOWN_FAILURES else ""
-        names = ", ".join(one.rpartition("/")[2] for one in failures[:_SHOWN_FAILURES])
-        last = counts[-1] if counts else f"pytest ended with code {done.code}"
-        raise Problem(f"{last}: {names}{more}; output in {log}")
-    return re.sub(r" in [\d.]+s.*", "", counts[-1]) + (f"; {len(left_out)} left out" if left_out else "")
+        raise Problem(f"no end within {_MAX_SECONDS:.0f} s; {told(done.out)}; output in {log}")
+    if done.code:
+        raise Problem(f"{told(done.out)}; output in {log}")
+    return told(done.out) + (f"; {len(left_out)} left out" if left_out else "")
+
+
+def told(output: str) -> str:
+    """Return what pytest printed with ``-v``, in short: numbers, failed tests, and the test in which it was ended."""
+    counts = re.findall(r"^=* ?(\d+ (?:passed|failed|errors?|skipped)\b.*?) in [\d.]+s", output, re.MULTILINE)
+    results = []
+    for line in re.findall(r"^\S+\.py::.* .*", output, re.MULTILINE):
+        test, result = re.split(r"\s+(?=(?:PASSED|FAILED|ERROR|SKIPPED|XFAIL|XPASS)\b|$)", line, maxsplit=1)
+        # Windows' pytest names files with backslashes.
+        file, _, name = test.partition("::")
+        results.append((f"{PureWindowsPath(file).name}::{name}", result))
+    failures = [test for test, result in results if result.startswith(("FAILED", "ERROR"))]
+    text = counts[-1] if counts else f"pytest was ended after {len(results)} tests, {len(failures)} failed"
+    if not counts and results and not results[-1][1]:
+        text += f", in {results[-1][0]}"
+    more = f" and {len(failures) - _SHOWN_FAILURES} more" if len(failures) > _SHOWN_FAILURES else ""
+    return text + (f": {', '.join(failures[:_SHOWN_FAILURES])}{more}" if failures else "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import os
 import shutil
@@ -18,6 +19,7 @@ from places import python_of
 
 from .inputs import ALL_PHOTOS, PHOTOS, write_colmap_model, write_photos, write_transforms, write_video
 from .launch import Windows
+from .linux_only import IN_BLENDER
 from .problem import Problem
 from .steps import Context, Step
 from .test_steps import test_addon
@@ -48,7 +50,7 @@ def way_steps() -> list[Step]:
     network = "set up from the network"
     return [
         Step("zip", build_zip),
-        Step("add-on in Blender as a module", test_addon, ("zip",)),
+        *(Step(f"add-on in Blender: {name}", functools.partial(test_addon, name), ("zip",)) for name in IN_BLENDER),
         Step("bundle for Windows", write_bundle),
         Step(network, set_up_from_network, ("zip",)),
         Step("doctor and plan", doctor_and_plan, (network,)),

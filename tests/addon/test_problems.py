@@ -45,7 +45,9 @@ def test_unexpected_error_is_a_sentence_and_the_log_has_its_traceback(error: Exc
     sentence = problems.sentence_of(raised(error))
     assert sentence.startswith(f"An unexpected error occurred: {type(error).__name__}")
     assert sentence.endswith(f"details are in {log}. Please report it.") and "\n" not in sentence
-    assert "Traceback (most recent call last)" in log.read_text() and "in raised" in log.read_text()
+    assert "Traceback (most recent call last)" in log.read_text(encoding="utf-8") and "in raised" in log.read_text(
+        encoding="utf-8"
+    )
 
 
 def test_full_memory_is_told_from_mistakes(log: Path) -> None:
@@ -56,13 +58,13 @@ def test_same_error_is_logged_once(log: Path) -> None:
     for _ in range(100):
         problems.sentence_of(raised(KeyError("x")))
     problems.sentence_of(raised(KeyError("y")))
-    assert log.read_text().count("Traceback (most recent call last)") == 2
+    assert log.read_text(encoding="utf-8").count("Traceback (most recent call last)") == 2
 
 
 def test_long_and_unprintable_errors_can_be_shown(log: Path) -> None:
     sentence = problems.sentence_of(raised(ValueError("\ud800 \x1b[31m\0" + "x" * 10_000)))
     assert len(sentence) < 400 + len(str(log)) and "\x1b" not in sentence and "\\ud800" in sentence
-    assert "x" * 10_000 in log.read_text()
+    assert "x" * 10_000 in log.read_text(encoding="utf-8")
 
 
 def test_log_that_cannot_be_written_does_not_hide_the_error(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import os
 import shutil
 import sys
@@ -32,11 +33,14 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    """End at once: Blender 4.5 as a Python module does not end after a step was undone."""
+    """End at once: Blender 4.5 as a Python module does not end after a step was undone, and may crash under Wine."""
     if _status:
         shutil.rmtree(_RESOURCES, ignore_errors=True)
         sys.stdout.flush()
         sys.stderr.flush()
+        if os.name == "nt":
+            # `os._exit` would still let Blender's libraries clean up.
+            ctypes.windll.kernel32.TerminateProcess(ctypes.c_void_p(-1), _status[-1])
         os._exit(_status[-1])
 
 

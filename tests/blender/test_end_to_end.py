@@ -34,7 +34,7 @@ def test_photos_become_a_scene_an_object_and_files(blender: ModuleType, photos: 
     (splats,) = [obj for obj in scene.objects if obj.heritage.role == "SCENE"]
     assert len(splats.data.vertices) > 200
 
-    stored = json.loads((project / "project.json").read_text())
+    stored = json.loads((project / "project.json").read_text(encoding="utf-8"))
     assert stored["stages"]["cameras"]["figures"]["n_registered"] >= 8
     assert [photo["name"] for photo in stored["stages"]["photos"]["figures"]["rejected"]] == ["broken.jpg"]
     assert (project / "report" / "report.html").stat().st_size > 10_000

@@ -26,7 +26,11 @@ def test_zip_contains_only_the_extension(zip_file: Path) -> None:
 def test_zip_validates_with_blenders_own_tool(zip_file: Path) -> None:
     tool = Path(bpy.utils.system_resource("SCRIPTS")) / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
     done = subprocess.run(
-        [sys.executable, str(tool), "validate", str(zip_file)], capture_output=True, text=True, check=False
+        [sys.executable, str(tool), "validate", str(zip_file)],
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -58,7 +62,9 @@ def test_blender_ends_with_the_extension_enabled(zip_file: Path, tmp_path: Path)
     """References that outlive the extension, such as those in a cache of `typing`, make bpy 4.5 hang at its end."""
     environment = {**os.environ, "BLENDER_USER_RESOURCES": str(tmp_path)}
     command = [sys.executable, "-P", "-c", INSTALL, str(zip_file)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=600)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, errors="replace", check=False, timeout=600
+    )
     assert done.returncode == 0 and "Not freed" not in done.stdout + done.stderr
 
 

@@ -123,7 +123,8 @@ def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path
         program.chmod(program.stat().st_mode | stat.S_IXUSR)
         if os.name == "nt":  # Windows starts no scripts of Python
             started = tmp_path / "engine python.bat"
-            started.write_text(f'@"{sys.executable}" "{program}" %*\n', encoding="utf-8")
+            # Its folder, %~dp0, can have letters that no code page has, in which the text is read.
+            started.write_text(f'@"{sys.executable}" "%~dp0{program.name}" %*\n', encoding="oem")
             program = started
         bpy.context.preferences.addons[installed].preferences.engine_python = str(program)
         return arguments

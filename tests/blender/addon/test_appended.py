@@ -35,7 +35,8 @@ def seen_without_the_addon(file: Path, tmp_path: Path) -> list[int]:
     environment = {**os.environ, "BLENDER_USER_RESOURCES": str(tmp_path / "nobody")}
     (tmp_path / "nobody").mkdir(exist_ok=True)
     command = [sys.executable, "-P", "-c", _IN_PLAIN_BLENDER, str(file)]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    # On Windows, Blender prints the names of files in another code page than Python reads.
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, errors="replace", check=True)
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("SEEN")]
     return [int(word) for word in line.split()[1:]]
 

@@ -125,7 +125,7 @@ def test_click_isolates_through_the_photo_that_shows_the_place(
     arguments = fake_engine("say('finished', message='ok', outputs={'objects': []})")
     x, y = pixel(balls, camera, (0.3, 0, 0))
     assert bpy.ops.heritage.pick_object(action="ISOLATE", photo=PHOTO, x=x, y=y, name="ball") == {"FINISHED"}
-    text = arguments.read_text()
+    text = arguments.read_text(encoding="utf-8")
     (click,) = [word for word in eval(text) if word.startswith("--click=")]
     assert click.startswith(f"--click={PHOTO}=")
     found = [float(value) for value in click.rpartition("=")[2].split(",")]

@@ -281,7 +281,7 @@ def test_clicks_and_enter_isolate_a_new_object(clicking: Any, fake_engine: Calla
     assert "outside the photo" in clicking.messages[-1]
     assert clicking.event("RET") == {"FINISHED"}
     assert clicking.window.header is None
-    words = json.loads(arguments.read_text())[4:-1]
+    words = json.loads(arguments.read_text(encoding="utf-8"))[4:-1]
     options = [word.partition("=")[0] for word in words]
     assert options == ["--click", "--not", "--not"]
     assert all(word.partition("=")[2].startswith("a b/view 1.jpg=") for word in words)
@@ -299,7 +299,7 @@ def test_clicks_correct_the_selected_object(clicking: Any, fake_engine: Callable
     # It is the object that was selected when the button was pressed.
     bpy.context.scene.heritage.active = -1
     assert clicking.event("NUMPAD_ENTER") == {"FINISHED"}
-    refine, click = json.loads(arguments.read_text())[4:6]
+    refine, click = json.loads(arguments.read_text(encoding="utf-8"))[4:6]
     assert refine == "--refine=vase" and click.startswith("--not=a b/view 1.jpg=")
 
 
@@ -358,7 +358,7 @@ def test_click_shows_its_mask_before_enter(
     clicking.event("LEFTMOUSE")
     assert "are being prepared" in clicking.window.header
     masks = wait_for_masks(windowed)
-    assert json.loads(arguments.read_text())[2:4] == ["show-clicks", bpy.context.scene.heritage.project]
+    assert json.loads(arguments.read_text(encoding="utf-8"))[2:4] == ["show-clicks", bpy.context.scene.heritage.project]
     assert "are being prepared" not in clicking.window.header
     # The left half of the photo, but for its lens distortion, in the colour of what is wanted.
     assert masks._photo == camera.photo

@@ -364,7 +364,7 @@ def test_file_from_someone_else_ends_every_action_in_a_sentence(
     # Opening and looking runs and writes nothing.
     assert (finished_jobs, watched, tree(museum.folder)) == ([], [], before)
     reports = use_everything(part, museum.folder)
-    unexpected = log.read_text() if log.exists() else ""
+    unexpected = log.read_text(encoding="utf-8") if log.exists() else ""
     assert unexpected == ""
     for command in finished_jobs:
         assert command[1:4] == ["-m", "engine", "segment"] and Path(command[4]).is_absolute()

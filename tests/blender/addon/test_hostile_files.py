@@ -96,7 +96,7 @@ def changed(file: str, /, **values: Any) -> Damage:
     """Return a function that changes values of a JSON file of a project."""
 
     def damage(project: Path) -> None:
-        data = json.loads((project / file).read_text())
+        data = json.loads((project / file).read_text(encoding="utf-8"))
         (project / file).write_text(json.dumps({**data, **values}))
 
     return damage
@@ -107,7 +107,7 @@ def camera(**values: Any) -> Damage:
 
     def damage(project: Path) -> None:
         file = project / "cameras" / "cameras.json"
-        data = json.loads(file.read_text())
+        data = json.loads(file.read_text(encoding="utf-8"))
         data["cameras"][0].update(values)
         file.write_text(json.dumps(data))
 

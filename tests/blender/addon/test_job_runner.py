@@ -196,7 +196,7 @@ def test_stopped_job_continues_with_the_same_command(
     assert draw("HERITAGE_PT_scene").button("continue_job") == {"number": 0}
     assert bpy.ops.heritage.continue_job() == {"FINISHED"}
     runner._job.wait()
-    assert '"vase"' in arguments.read_text()
+    assert '"vase"' in arguments.read_text(encoding="utf-8")
 
 
 def test_refusal_is_told_once_and_gone_after_a_candidate_was_accepted(

@@ -28,9 +28,10 @@ def test_second_blender_on_a_project_is_told_until_the_first_is_closed(
     mark, hold = module.mark_of(project.folder), part("engine.project.folder").hold_mark
     # Another process holds the mark, as another Blender does.
     hold(mark).close()
+    extension = Path(part("engine").__file__).parents[1]
     code = (
-        f"import fcntl, sys; f = open({str(mark)!r}, 'a+'); "
-        "fcntl.flock(f, fcntl.LOCK_EX | fcntl.LOCK_NB); print('held', flush=True); sys.stdin.read()"
+        f"import sys; sys.path.insert(0, {str(extension)!r}); from engine.core.system import try_lock; "
+        f"f = open({str(mark)!r}, 'a+'); print('held' if try_lock(f) else 'not held', flush=True); sys.stdin.read()"
     )
     other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
@@ -80,7 +81,7 @@ def test_dropped_photos_import_their_folder(fake_engine: Callable[[str], Path], 
     arguments = fake_engine("say('error', message='enough', error='PhotoError'); sys.exit(1)")
     with pytest.raises(RuntimeError, match="enough"):
         bpy.ops.heritage.import_photo_folder(directory=str(folder), files=[{"name": "a.jpg"}], preset="preview")
-    assert str(folder) in eval(arguments.read_text())
+    assert str(folder) in eval(arguments.read_text(encoding="utf-8"))
 
 
 def test_shortcuts_name_operators_and_options_that_exist(part: Part) -> None:

@@ -43,7 +43,7 @@ def click(photo: str, x: float, y: float, *, wanted: bool = True) -> dict[str, A
 
 def segment_arguments(arguments: Path) -> list[str]:
     """Return the engine's arguments after ``segment PROJECT``."""
-    words: list[str] = json.loads(arguments.read_text())
+    words: list[str] = json.loads(arguments.read_text(encoding="utf-8"))
     assert words[:3] == ["-m", "engine", "segment"] and words[-1] == "--events"
     return words[4:-1]
 
@@ -125,7 +125,7 @@ def test_clicks_on_several_photos_are_one_object(opened: Any, fake_engine: Stand
 REFINE = (
     PROJECT
     + "members = np.r_[np.zeros(30), np.ones(30), np.zeros(40)].astype(np.float32)\n"
-    + 'name = json.loads((project / "objects" / "vase" / "object.json").read_text())["name"]\n'
+    + 'name = json.loads((project / "objects" / "vase" / "object.json").read_text(encoding="utf-8"))["name"]\n'
     + 'write_object(project, "vase", name, members, score=0.9)\n'
     + 'say("finished", outputs={"objects": ["vase"]})'
 )
@@ -263,7 +263,7 @@ def test_another_level_is_stored_on_request(levelled: Any, fake_engine: StandIn,
         PROJECT
         + """
 file = project / "objects" / "vase" / "object.json"
-record = json.loads(file.read_text())
+record = json.loads(file.read_text(encoding="utf-8"))
 file.write_text(json.dumps({**record, "level": 2}))
 np.save(file.with_name("membership.npy"), np.load(file.with_name("levels.npy"))[2])
 say("finished", outputs={"objects": ["vase"]})

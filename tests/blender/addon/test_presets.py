@@ -70,7 +70,14 @@ def test_file_browser_says_what_each_preset_is_for_and_takes_for_these_photos(
     before = drawn_import(part, photos)
     assert "A first look at the scene." in before.texts and "Reading these photos" in " ".join(before.texts)
     wait_for(times)
-    assert json.loads(arguments.read_text()) == ["-m", "engine", "plan", str(photos), "--every-preset", "--events"]
+    assert json.loads(arguments.read_text(encoding="utf-8")) == [
+        "-m",
+        "engine",
+        "plan",
+        str(photos),
+        "--every-preset",
+        "--events",
+    ]
     texts = drawn_import(part, photos).texts
     assert [text for text in texts if text.startswith("About")] == [
         f"About {minutes} min for these photos" for minutes in (2, 5, 60)
@@ -118,7 +125,7 @@ def test_preview_becomes_standard_by_one_button(
     arguments = fake_engine("say('finished', message='done', outputs={})")
     assert draw("HERITAGE_PT_scene").button("improve_scene") == {"preset": "standard"}
     assert bpy.ops.heritage.improve_scene(preset="standard") == {"FINISHED"}
-    assert json.loads(arguments.read_text())[2:] == [
+    assert json.loads(arguments.read_text(encoding="utf-8"))[2:] == [
         "reconstruct", str(photos), "--out", str(opened.folder), "--preset", "standard", f"--photo-masks={masks}",
         "--prompts=\"vase, teapot\"", "--events",
     ]  # fmt: skip

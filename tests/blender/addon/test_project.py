@@ -132,7 +132,7 @@ def test_isolate_runs_the_engine_and_adds_a_collection(project: Any, fake_engine
     bpy.context.view_layer.update()
     arguments = fake_engine(SEGMENT)
     assert bpy.ops.heritage.isolate(prompt=" bust ") == {"FINISHED"}
-    assert json.loads(arguments.read_text()) == [
+    assert json.loads(arguments.read_text(encoding="utf-8")) == [
         *["-m", "engine", "segment", str(project.folder), "--prompt=bust", "--events"]
     ]
     bust = bpy.data.collections["Bust"].objects[0]
@@ -165,7 +165,14 @@ def test_photo_folder_is_given_to_the_engine_and_its_scene_imported(
     arguments = fake_engine("say('finished', message='done', outputs={})")
     assert bpy.ops.heritage.import_photo_folder(directory=str(photos), prompts="vase;bust") == {"FINISHED"}
     expected = ["reconstruct", str(photos), "--out", str(project.folder), "--preset", "standard"]
-    assert json.loads(arguments.read_text()) == ["-m", "engine", *expected, "--prompts", "vase;bust", "--events"]
+    assert json.loads(arguments.read_text(encoding="utf-8")) == [
+        "-m",
+        "engine",
+        *expected,
+        "--prompts",
+        "vase;bust",
+        "--events",
+    ]
     assert bpy.context.scene.heritage.project == str(project.folder)
     assert bpy.context.scene.camera is not None
 
@@ -179,9 +186,9 @@ def test_masks_and_their_making_are_given_to_the_engine(
     arguments = fake_engine("say('finished', message='done', outputs={})")
     common = {"directory": str(photos), "project": str(project.folder)}
     assert bpy.ops.heritage.import_photo_folder(**common, masks=str(masks)) == {"FINISHED"}
-    assert json.loads(arguments.read_text())[-3:-1] == ["--photo-masks", str(masks)]
+    assert json.loads(arguments.read_text(encoding="utf-8"))[-3:-1] == ["--photo-masks", str(masks)]
     assert bpy.ops.heritage.import_photo_folder(**common, mask_background=True) == {"FINISHED"}
-    assert json.loads(arguments.read_text())[-2] == "--mask-background"
+    assert json.loads(arguments.read_text(encoding="utf-8"))[-2] == "--mask-background"
 
 
 def test_video_is_given_to_the_engine(project: Any, fake_engine: Callable[[str], Path], tmp_path: Path) -> None:
@@ -189,7 +196,7 @@ def test_video_is_given_to_the_engine(project: Any, fake_engine: Callable[[str],
     video.write_bytes(b"a video")
     arguments = fake_engine("say('finished', message='done', outputs={})")
     assert bpy.ops.heritage.import_photo_folder(filepath=str(video), project=str(project.folder)) == {"FINISHED"}
-    assert json.loads(arguments.read_text())[2:4] == ["reconstruct", str(video)]
+    assert json.loads(arguments.read_text(encoding="utf-8"))[2:4] == ["reconstruct", str(video)]
     with pytest.raises(RuntimeError, match="There is no video"):
         bpy.ops.heritage.import_photo_folder(filepath=str(tmp_path / "other.mp4"))
 

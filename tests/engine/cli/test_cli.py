@@ -104,7 +104,7 @@ def test_export_never_overwrites_without_being_asked(tmp_path: Path, capsys: pyt
     assert main(["export", str(tmp_path), "--format", "ply", "--out", str(out), "--events"]) != 0
     (error,) = errors_of(capsys)
     assert "--overwrite" in error["message"]
-    assert out.read_text() == "precious"
+    assert out.read_text(encoding="utf-8") == "precious"
 
 
 def test_prompts_without_objects_contradict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -105,7 +105,7 @@ def is_alive(pid: int) -> bool:
     if sys.platform == "win32":
         return start_time(pid) is not None
     with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
     return False
 
 
@@ -114,8 +114,8 @@ def wait_for_the_end(pid: int) -> None:
 
 
 def content_once_written(file: Path) -> str:
-    wait_until(lambda: file.exists() and file.read_text())
-    return file.read_text()
+    wait_until(lambda: file.exists() and file.read_text(encoding="utf-8"))
+    return file.read_text(encoding="utf-8")
 
 
 def test_result_comes_back() -> None:
@@ -159,13 +159,13 @@ def test_time_is_bounded_and_the_process_gone(tmp_path: Path, monkeypatch: pytes
 
     def clock() -> float:
         """It stands still until the child works, and runs fast then."""
-        return 3600.0 * next(hours) if file.exists() and file.read_text() else 0.0
+        return 3600.0 * next(hours) if file.exists() and file.read_text(encoding="utf-8") else 0.0
 
     monkeypatch.setattr(child_process, "time", SimpleNamespace(monotonic=clock))
     with pytest.raises(ChildFailure, match="Reading the model took more than 600 s") as caught:
         call("sleep", max_seconds=600.0, file=str(file))
     assert caught.value.reason == "time"
-    assert not is_alive(int(file.read_text()))
+    assert not is_alive(int(file.read_text(encoding="utf-8")))
 
 
 @POSIX
@@ -198,9 +198,9 @@ def test_stop_ends_the_child(tmp_path: Path) -> None:
             max_memory=1 << 30,
             max_seconds=PATIENCE,
             what="reading the model",
-            should_stop=lambda: file.exists() and bool(file.read_text()),
+            should_stop=lambda: file.exists() and bool(file.read_text(encoding="utf-8")),
         )
-    assert not is_alive(int(file.read_text()))
+    assert not is_alive(int(file.read_text(encoding="utf-8")))
 
 
 def test_module_in_the_current_folder_does_not_replace_one_of_ours(

@@ -79,7 +79,7 @@ def test_a_file_with_y_up_and_a_moved_parent_is_read_where_it_is_shown(
 ) -> None:
     gaussians = random_gaussians(6, degree=1)
     write_usd(tmp_path / "a.usda", gaussians)
-    text = (tmp_path / "a.usda").read_text()
+    text = (tmp_path / "a.usda").read_text(encoding="utf-8")
     text = text.replace('upAxis = "Z"', 'upAxis = "Y"').replace(
         "    uniform token projectionModeHint",
         '    double3 xformOp:translate = (1, 2, 3)\n    uniform token[] xformOpOrder = ["xformOp:translate"]\n'
@@ -92,7 +92,7 @@ def test_a_file_with_y_up_and_a_moved_parent_is_read_where_it_is_shown(
 
 def test_other_usd_files_are_refused_with_a_reason(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
     write_usd(tmp_path / "good.usda", random_gaussians(3, degree=0))
-    good = (tmp_path / "good.usda").read_text()
+    good = (tmp_path / "good.usda").read_text(encoding="utf-8")
     head, _, body = good.partition("def ")
     for content, sentence in (
         ("not USD", "is not a USD file with Gaussians that can be read"),
@@ -131,7 +131,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(
     broken.sh[0, 0, 0] = np.nan
     with pytest.raises(NumericalError, match="`sh` are not finite"):
         write_usd(path, broken)
-    assert path.read_text() == "precious" and [one.name for one in tmp_path.iterdir()] == ["a.usdc"]
+    assert path.read_text(encoding="utf-8") == "precious" and [one.name for one in tmp_path.iterdir()] == ["a.usdc"]
     write_usd(path, random_gaussians(3))
     assert pxr_usd.Stage.Open(str(path)).GetDefaultPrim()
 
@@ -156,7 +156,7 @@ def test_another_python_writes_the_same_file(tmp_path: Path, random_gaussians: R
     facts = {"name": "Ölkanne", "metres_per_unit": None, "custom_data": {"record": {"title": "Ölkanne"}}}
     write_usd(tmp_path / "here.usda", gaussians, matrix=matrix, **facts)
     write_usd_elsewhere(Path(sys.executable), tmp_path / "there.usda", gaussians, matrix=matrix, **facts)
-    assert (tmp_path / "there.usda").read_text() == (tmp_path / "here.usda").read_text()
+    assert (tmp_path / "there.usda").read_text(encoding="utf-8") == (tmp_path / "here.usda").read_text(encoding="utf-8")
 
 
 def test_another_python_that_cannot_start_is_told_in_one_sentence(

@@ -30,7 +30,7 @@ def test_failing_rename_leaves_the_old_file_and_no_leftovers(tmp_path: Path, mon
     monkeypatch.setattr(os, "replace", refuse)
     with pytest.raises(DiskError, match=r"a\.json: No space left on device"):
         write_json(target, {"new": 2})
-    assert json.loads(target.read_text()) == {"old": 1}
+    assert json.loads(target.read_text(encoding="utf-8")) == {"old": 1}
     assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
 
 
@@ -45,7 +45,7 @@ def test_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.docx").write_text("precious")
     with pytest.raises(ProjectError, match="already holds files"):
         ProjectFolder.create(tmp_path)
-    assert (tmp_path / "thesis.docx").read_text() == "precious"
+    assert (tmp_path / "thesis.docx").read_text(encoding="utf-8") == "precious"
 
 
 def test_file_instead_of_folder_is_refused(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_outputs_that_are_being_made_anew_are_not_used_and_their_hashes_are_kept
 def test_recorded_name_that_leads_out_of_the_project_is_refused(tmp_path: Path) -> None:
     project = ProjectFolder.create(tmp_path / "p")
     done(project, "training", {"gaussians/scene.ply": b"scene"})
-    text = (tmp_path / "p" / "project.json").read_text().replace("gaussians/scene.ply", "../secret")
+    text = (tmp_path / "p" / "project.json").read_text(encoding="utf-8").replace("gaussians/scene.ply", "../secret")
     (tmp_path / "p" / "project.json").write_text(text)
     with pytest.raises(FormatError, match="leads out of the folder"):
         ProjectFolder.open_existing(tmp_path / "p").require_intact("training")
@@ -197,7 +197,7 @@ def test_file_that_a_lock_of_someone_else_is_linked_to_keeps_its_content(tmp_pat
     os.link(mine, tmp_path / "p" / "lock")
     with project:
         pass
-    assert mine.read_text() == "mine"
+    assert mine.read_text(encoding="utf-8") == "mine"
 
 
 def test_disk_without_locks_is_told_instead_of_a_job_that_does_not_exist(
@@ -240,7 +240,7 @@ def test_numbers_that_json_does_not_know_are_never_written(tmp_path: Path) -> No
     write_json(tmp_path / "a.json", {"old": 1})
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_json(tmp_path / "a.json", {"error": float("nan")})
-    assert json.loads((tmp_path / "a.json").read_text()) == {"old": 1}
+    assert json.loads((tmp_path / "a.json").read_text(encoding="utf-8")) == {"old": 1}
     assert finite_or_null({"a": [float("inf"), 1.5], "b": (float("nan"),)}) == {"a": [None, 1.5], "b": [None]}
 
 

@@ -74,9 +74,9 @@ def test_damaged_files_are_refused(tmp_path: Path, damage: str) -> None:
     if damage == "missing":
         file.unlink()
     elif damage == "cut":
-        file.write_text(file.read_text()[:-40])
+        file.write_text(file.read_text(encoding="utf-8")[:-40])
     elif damage == "other version":
-        file.write_text(file.read_text().replace('"version": 1', '"version": 7'))
+        file.write_text(file.read_text(encoding="utf-8").replace('"version": 1', '"version": 7'))
     else:
         (tmp_path / "points.npz").write_bytes(b"PK")
     with pytest.raises(FormatError, match="reconstruct` |Update Gaussian Heritage"):

@@ -155,7 +155,7 @@ def test_measurement_of_an_earlier_reconstruction_is_refused(project: Path) -> N
 def test_damaged_file_is_one_sentence(name: str, value: Any, words: str, project: Path) -> None:
     save_measurement(project, Measurement(origin=A))
     file = project / "measurement.json"
-    file.write_text(json.dumps({**json.loads(file.read_text()), name: value}))
+    file.write_text(json.dumps({**json.loads(file.read_text(encoding="utf-8")), name: value}))
     with pytest.raises(FormatError, match=words):
         load_measurement(project)
 

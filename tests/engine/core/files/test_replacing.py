@@ -35,7 +35,7 @@ def write(folder: Path) -> None:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    return {path.name: path.read_text() for path in folder.iterdir() if path.is_file()}
+    return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir() if path.is_file()}
 
 
 def killed_at(number: int, patch: pytest.MonkeyPatch) -> None:

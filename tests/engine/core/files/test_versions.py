@@ -13,7 +13,7 @@ from engine.core.files import read_versioned
 
 
 def read(path: Path, data: object) -> dict[str, Any]:
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     return read_versioned(path, {"version": int, "a": int}, version=3, advice="Make it again.")
 
 

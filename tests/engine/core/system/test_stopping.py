@@ -25,7 +25,7 @@ def test_second_request_is_no_error_and_follows_no_link(tmp_path: Path) -> None:
     (tmp_path / "theirs").write_text("kept")
     (tmp_path / "stop").symlink_to(tmp_path / "theirs")
     request_stop(tmp_path / "stop")
-    assert (tmp_path / "theirs").read_text() == "kept"
+    assert (tmp_path / "theirs").read_text(encoding="utf-8") == "kept"
     request_stop(tmp_path / "again")
     request_stop(tmp_path / "again")
 

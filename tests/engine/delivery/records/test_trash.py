@@ -81,7 +81,7 @@ def test_earlier_version_of_a_changed_object_is_kept_with_what_the_user_wrote(pr
     assert restore_object(project, "vase").id == "vase-2"
     np.testing.assert_array_equal(load_membership(project.path, "vase-2"), MEMBERSHIP)
     for name in ("vase", "vase-2"):
-        assert "Krater" in (project.path / "objects" / name / "record.json").read_text()
+        assert "Krater" in (project.path / "objects" / name / "record.json").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", ["../precious", "bowl", "", "..", "_candidates"])
@@ -154,7 +154,7 @@ def test_damaged_note_does_not_hide_the_object(text: str, project: ProjectFolder
 def test_note_cannot_restore_an_object_to_a_place_outside(project: ProjectFolder) -> None:
     delete_object(project, "vase", why="deleted")
     (entry,) = list_trash(project.path)
-    note = (entry.folder / "trash.json").read_text().replace('"vase"', '"../../../precious"')
+    note = (entry.folder / "trash.json").read_text(encoding="utf-8").replace('"vase"', '"../../../precious"')
     (entry.folder / "trash.json").write_text(note)
     assert restore_object(project, "1").id == "precious"
     assert [record.id for record in list_objects(project.path)] == ["precious"]
@@ -176,7 +176,7 @@ def test_earlier_state_comes_back_and_forth_under_the_present_name_and_record(pr
         assert object_states(project.path) == {"vase": state}
         np.testing.assert_array_equal(load_membership(project.path, "vase"), membership)
         assert [record.name for record in list_objects(project.path)] == ["Urn"]
-        assert record_file.read_text() == '{"title": "Urn"}'
+        assert record_file.read_text(encoding="utf-8") == '{"title": "Urn"}'
         assert len(list_trash(project.path)) == 1, "the trash does not grow"
     discard_object(project, "vase", why="undone in Blender")
     assert object_states(project.path) == {}

@@ -112,7 +112,7 @@ def test_nothing_is_installed_into_a_folder_with_other_files(engine: EngineEnvir
         engine.begin()
     with pytest.raises(ProjectError, match="nothing was deleted"):
         engine.remove()
-    assert (engine.folder / "letter.txt").read_text() == "dear"
+    assert (engine.folder / "letter.txt").read_text(encoding="utf-8") == "dear"
 
 
 def test_removed_engine_leaves_nothing_and_follows_no_link(engine: EngineEnvironment, tmp_path: Path) -> None:

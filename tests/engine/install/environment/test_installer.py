@@ -245,7 +245,9 @@ def test_python_for_which_torch_can_be_had_is_taken(engine: EngineEnvironment, m
 
     monkeypatch.setattr(module, "torch_source", source)
     _install(engine)
-    assert json.loads((engine.folder / "installed.json").read_text())["python"] == ".".join(map(str, VERSION))
+    assert json.loads((engine.folder / "installed.json").read_text(encoding="utf-8"))["python"] == ".".join(
+        map(str, VERSION)
+    )
 
 
 def test_full_disk_is_told_before_anything_is_made(engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,7 +87,7 @@ def test_hash_of_the_first_use_is_recorded_and_enforced(
     model = add_model(monkeypatch, site, known=False)
     assert model.pin == "pinned by revision; hash is written on first fetch and checked afterwards"
     path = fetch("large", cache=tmp_path)
-    record = json.loads(record_path(path).read_text())
+    record = json.loads(record_path(path).read_text(encoding="utf-8"))
     assert record == {"size": len(CONTENT), "sha256": hashlib.sha256(CONTENT).hexdigest(), "source": model.source}
     path.write_bytes(CONTENT[:-1] + b"x")
     with pytest.raises(ModelFileError, match="is damaged .*first use"):

@@ -155,7 +155,9 @@ def test_user_is_known_to_the_registry_and_to_nobody_else(
     registry.token = "secret"
     monkeypatch.setenv("OUR_TOKEN", "secret")
     place = registry.url.removeprefix("https:")
-    settings = (home / ".npmrc").read_text() + f"{place}:_authToken=${{OUR_TOKEN}}\n//elsewhere/:_authToken=other\n"
+    settings = (home / ".npmrc").read_text(
+        encoding="utf-8"
+    ) + f"{place}:_authToken=${{OUR_TOKEN}}\n//elsewhere/:_authToken=other\n"
     (home / ".npmrc").write_text(settings)
     assert get(tmp_path / "out") == registry.file
     with running_registry() as other:

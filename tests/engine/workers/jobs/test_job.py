@@ -143,7 +143,7 @@ time.sleep(600)
     poll_until(job, lambda state: state.fraction > 0)
     job.cancel(grace_seconds=0.0)
     job.wait()
-    pid = int(mark.read_text())
+    pid = int(mark.read_text(encoding="utf-8"))
     wait_until(lambda: has_ended(pid))
 
 
@@ -152,7 +152,7 @@ def has_ended(pid: int) -> bool:
     if not Path("/proc").is_dir():
         return start_time(pid) is None
     state = Path(f"/proc/{pid}/stat")
-    return not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z"
+    return not state.exists() or state.read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z"
 
 
 def test_running_job_is_found_again_and_stopped(script: Script, tmp_path: Path) -> None:
