@@ -80,16 +80,16 @@ def scene_file(project: Path) -> Path:
     Raises
     ------
     ProjectError
-        When `project` is no project, or contains no finished scene.
+        When `project` contains no finished scene, or is no project.
     FormatError
         When its ``project.json`` is damaged or of a format number that is not known.
     """
-    ProjectFolder.open_existing(project)
     file = path_within(project, "gaussians", "scene.ply")
     if not file.is_file():
         raise ProjectError(
             f"{project} contains no finished scene (gaussians/scene.ply is missing). Import its photo folder first."
         )
+    ProjectFolder.open_existing(project)
     return file
 
 

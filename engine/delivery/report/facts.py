@@ -34,6 +34,7 @@ _FIGURES: dict[str, Schema] = {
         "curve": optional([{str: (float, None)}]),
         "held_out": optional(([str], None)),
         "measured_photos": optional(([str], None)),
+        "validation_photos": optional(([str], None)),
         "preset": optional((str, None)),
         "device": optional((str, None)),
         "guards": optional({str: float}),

@@ -203,7 +203,8 @@ def test_refusal_is_told_once_and_gone_after_a_candidate_was_accepted(
     runner: ModuleType, project: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     bpy.ops.heritage.open_project(directory=str(project.folder))
-    (project.folder / "objects" / "candidates.json").write_text('{"refused": [{"message": "No amphora was found."}]}')
+    refused = {"refused": [{"text": "amphora", "message": "No amphora was found."}]}
+    (project.folder / "objects" / "candidates.json").write_text(json.dumps(refused))
     fake_engine("say('error', message='No amphora was found.', error='PromptError')")
     _segment(runner, project, "amphora")
     _poll_to_the_end(runner)
