@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -204,7 +205,7 @@ def test_refusal_is_told_once_and_gone_after_a_candidate_was_accepted(
 ) -> None:
     bpy.ops.heritage.open_project(directory=str(project.folder))
     refused = {"refused": [{"text": "amphora", "message": "No amphora was found."}]}
-    (project.folder / "objects" / "candidates.json").write_text(json.dumps(refused))
+    (project.folder / "objects" / "candidates.json").write_text(json.dumps(refused), encoding="utf-8")
     fake_engine("say('error', message='No amphora was found.', error='PromptError')")
     _segment(runner, project, "amphora")
     _poll_to_the_end(runner)
