@@ -2,7 +2,7 @@
 import { startJob } from "../api.js";
 import { announce, during, field, h, notify, put, refill, setText, show } from "../dom.js";
 import { createObjectCard } from "./object_card.js";
-import { isActive } from "./project.js";
+import { isActive } from "../jobs.js";
 import { createProgress } from "./progress.js";
 
 export function createObjects(context, { stage, clicks }) {

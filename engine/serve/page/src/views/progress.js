@@ -3,7 +3,7 @@ import { continueJob, previewUrl, stopJob } from "../api.js";
 import { announce, confirmed, during, h, refill, setText, show } from "../dom.js";
 import { duration, percent, stageText } from "../format.js";
 import { createCurve } from "./curve.js";
-import { isActive } from "./project.js";
+import { isActive } from "../jobs.js";
 import { createTellMe } from "./tell_me.js";
 
 const PICTURE_EVERY = 2000; // Milliseconds between live pictures at least.

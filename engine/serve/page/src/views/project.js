@@ -1,4 +1,5 @@
 // One project: photos, reconstruction, result. The server's state is read again after each event and given to the parts.
+import { isActive } from "../jobs.js";
 import { deleteProject, eventsUrl, getProject, renameProject, reportUrl, sceneExportUrl } from "../api.js";
 import { asked, confirmed, during, h, notify, put, show } from "../dom.js";
 import { listen } from "../events.js";
@@ -149,10 +150,6 @@ function present({ job, waiting }) {
 function isShown(job, isFirst) {
   if (job?.kind === "frames") return isActive(job);
   return isFirst || job?.kind !== "segment";
-}
-
-export function isActive(job) {
-  return job?.state === "running" || job?.state === "waiting";
 }
 
 function sceneFacts(project) {

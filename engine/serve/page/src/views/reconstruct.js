@@ -3,7 +3,7 @@ import { startJob } from "../api.js";
 import { getForecast } from "../calls.js";
 import { announce, during, h, newId, setText, show } from "../dom.js";
 import { forecastText } from "../format.js";
-import { isActive } from "./project.js";
+import { isActive } from "../jobs.js";
 
 const FEWEST = 3; // Fewer photos never give a scene.
 
