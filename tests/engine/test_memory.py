@@ -28,7 +28,7 @@ PRESETS["test"] = PRESETS["test"].changed(max_side=192, checkpoint_interval=5)
 STARVING = (
     LARGER
     + """
-from engine.system import limit_memory
+from engine.core.system import limit_memory
 from engine.training import loop as module
 whole = module.train
 def starving(*arguments, should_stop, **named):

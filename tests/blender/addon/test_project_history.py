@@ -22,8 +22,8 @@ StandIn = Callable[[str], Path]
 ENGINE = """
 import os
 sys.path.insert(0, os.environ["PYTHONPATH"])
-from engine.project_folder import ProjectFolder
-from engine.records import delete_object, keep_version
+from engine.project.folder import ProjectFolder
+from engine.project.objects import delete_object, keep_version
 project = Path(sys.argv[4])
 opened = ProjectFolder.open_existing(project)
 rows = lambda first, last, value=1: np.where((np.arange(100) >= first) & (np.arange(100) < last), value, 0).astype("f4")

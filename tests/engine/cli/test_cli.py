@@ -198,9 +198,9 @@ def test_stopping_when_asked_is_not_called_an_error(capsys: pytest.CaptureFixtur
 
 SIGNALLED = """
 import ctypes, importlib, signal, sys, threading, time
-from engine import cli
-from engine.commands import reconstruct
-from engine.errors import Cancelled
+from engine.cli import main as cli
+from engine.cli.commands import reconstruct
+from engine.core.errors import Cancelled
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 ALL = ["torch", "onnxruntime", "numba", "cv2", "pillow_heif", "engine.cameras.undistortion"]

@@ -23,7 +23,7 @@ from tests.engine.command_line import ROOT
 
 WORK = '''
 import ctypes, os, sys, time
-from engine.errors import CameraError
+from engine.core.errors import CameraError
 
 class CutModel(CameraError):
     """A kind of error that only this module knows."""
@@ -214,7 +214,7 @@ def test_module_in_the_current_folder_does_not_replace_one_of_ours(
 @pytest.mark.parametrize("name", ["sleep", pytest.param("hold_the_lock", marks=LINUX)])
 def test_child_ends_when_the_engine_is_killed(name: str, tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from engine import child_process\n"
+        "import sys; from pathlib import Path; from engine.core import child_process\n"
         "child_process._ROOT = Path(sys.argv[1])\n"
         "child_process.run_in_child(sys.argv[2], {'file': sys.argv[3]}, max_memory=1 << 30, max_seconds=300, what='x')"
     )

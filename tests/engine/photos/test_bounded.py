@@ -26,7 +26,7 @@ _READ_WITH_LIMIT = """
 import json, resource, sys
 from pathlib import Path
 resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[2]), int(sys.argv[2])))
-from engine.system import peak_memory
+from engine.core.system import peak_memory
 from engine.photos import load_pixels, read_photos
 found = read_photos(Path(sys.argv[1]))
 assert load_pixels(found.folder / found.photos[0].name, max_side=500).shape == (500, 500, 3)

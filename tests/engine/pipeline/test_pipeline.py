@@ -37,7 +37,7 @@ from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
 QUICK = """
 from dataclasses import replace
 from functools import partial
-from engine.commands import reconstruct
+from engine.cli.commands import reconstruct
 from engine.masks.settings import MaskSettings
 from engine.objects.settings import BETTER
 from engine.training.settings import PRESETS
@@ -49,7 +49,7 @@ reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MASKS
 """
 # The masks stage is killed in its middle, so nothing may be made before it.
 ONE_BY_ONE = """
-from engine import pipeline
+from engine.pipeline import reconstruct as pipeline
 planned = pipeline.plan_and_forecast
 def alone(*given, **named):
     found = planned(*given, **named)

@@ -17,7 +17,7 @@ pytest.importorskip("distributed")
 def test_device_that_is_asked_for_is_passed_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import engine.batch
+    import engine.workers.batch
 
     asked: list[tuple[str, ...]] = []
 

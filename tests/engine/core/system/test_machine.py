@@ -97,7 +97,7 @@ def test_limit_of_the_process_leaves_less_free(kind: str) -> None:
     code = f"""
 import resource
 resource.setrlimit(resource.{kind}, (300_000_000, 300_000_000))
-from engine.system import free_memory
+from engine.core.system import free_memory
 before = free_memory()
 held = bytearray(100_000_000)
 print(before, free_memory())

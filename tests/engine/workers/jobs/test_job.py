@@ -95,7 +95,7 @@ WAITS = 'say(Progress("training", 0.1))\nwhile True: time.sleep(0.05)\n'
 
 
 STOPS = """
-from engine.system import StopOnSignal
+from engine.core.system import StopOnSignal
 with StopOnSignal() as should_stop:
     say(Progress("training", 0.1))
     while not should_stop(): time.sleep(0.02)
@@ -131,7 +131,7 @@ def test_killed_job_takes_the_programs_that_it_started_with_it(script: Script, t
     job = start(
         script(f"""
 import os, subprocess
-from engine.system import end_children_with_this_process
+from engine.core.system import end_children_with_this_process
 end_children_with_this_process()
 subprocess.Popen([sys.executable, "-c", {child!r}])
 while not os.path.exists({str(mark)!r}) or not open({str(mark)!r}).read(): time.sleep(0.02)
