@@ -221,7 +221,7 @@ def test_killed_job_frees_its_lock_and_its_leftovers_are_cleared(tmp_path: Path)
         "with ProjectFolder.create(folder), atomic_write(folder / 'masks' / 'a.npz') as stream:\n"
         "    stream.write(b'half'); stream.flush(); os.kill(os.getpid(), 9)\n"
     )
-    subprocess.run([sys.executable, "-c", script, str(folder)], cwd=Path(__file__).parents[2], check=False)
+    subprocess.run([sys.executable, "-c", script, str(folder)], cwd=Path(__file__).parents[3], check=False)
     assert len(list((folder / "masks").iterdir())) == 1
     with ProjectFolder.create(folder):
         assert list((folder / "masks").iterdir()) == []

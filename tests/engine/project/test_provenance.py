@@ -31,7 +31,7 @@ def test_step_that_draws_nothing_has_no_seed() -> None:
 
 
 def test_code_that_is_no_checkout_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "_ROOT", tmp_path)
+    monkeypatch.setattr(provenance, "CODE_ROOT", tmp_path)
     code_version.cache_clear()
     try:
         assert code_version() == (None, None)
@@ -42,7 +42,7 @@ def test_code_that_is_no_checkout_has_no_commit(tmp_path: Path, monkeypatch: pyt
 def test_git_is_not_started_where_the_code_is_no_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """On a Mac without developer tools, macOS would ask to install them."""
     started: list[tuple[str, ...]] = []
-    monkeypatch.setattr(provenance, "_ROOT", tmp_path)
+    monkeypatch.setattr(provenance, "CODE_ROOT", tmp_path)
     monkeypatch.setattr(provenance, "_git", lambda *words: started.append(words))
     code_version.cache_clear()
     try:
@@ -53,7 +53,7 @@ def test_git_is_not_started_where_the_code_is_no_checkout(tmp_path: Path, monkey
 
 def test_code_in_the_checkout_of_another_project_has_no_commit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # An extension that was installed below a folder that is under version control.
-    monkeypatch.setattr(provenance, "_ROOT", Path(__file__).parent)
+    monkeypatch.setattr(provenance, "CODE_ROOT", Path(__file__).parent)
     code_version.cache_clear()
     try:
         assert code_version() == (None, None)
