@@ -208,7 +208,7 @@ def _store_forecast(folder: Path) -> object:
 
 
 def _stored_curve(folder: Path) -> object:
-    curve = addon("curve")
+    curve = addon("project.curve")
     curve._read.cache_clear()
     points = curve.stored_curve(folder)
     return curve.curve_picture(points) if points else None
