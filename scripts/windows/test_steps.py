@@ -88,9 +88,9 @@ def _run_tests(
     log.parent.mkdir(exist_ok=True)
     done = computer.run([*command, *options], cwd=folder, timeout=_MAX_SECONDS, env=variables, log=log)
     if done.timed_out:
-        raise Problem(f"no end within {_MAX_SECONDS:.0f} s; {told(done.out)}; output in {log}")
+        raise Problem(f"no end within {_MAX_SECONDS:.0f} s; {told(done.out)}; output in {log.name}")
     if done.code:
-        raise Problem(f"{told(done.out)}; output in {log}")
+        raise Problem(f"{told(done.out)}; output in {log.name}")
     return told(done.out) + (f"; {len(left_out)} left out" if left_out else "")
 
 

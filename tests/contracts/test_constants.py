@@ -142,7 +142,7 @@ def test_right_tag_and_other_comments_are_accepted(comment: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("package", "setting"), [("objects", "strictness"), ("training", "cooldown"), ("grounding", "max_overlap")]
+    ("package", "setting"), [("objects", "strictness"), ("training", "cooldown"), ("objects/grounding", "max_overlap")]
 )
 def test_test_room_planted_in_the_settings_is_found(package: str, setting: str) -> None:
     source = (ROOT / "engine" / package / "settings.py").read_text(encoding="utf-8")
