@@ -68,7 +68,8 @@ def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float
     window.keys("alt+a")
     flags = f"{_module('splats.edited_splats')}.vertex_flags({obj})"
     window.check("the mode is Edit Mode, in which nothing is selected", f"not {flags}[0].any()")
-    window.check("the object is drawn in Edit Mode", f"{obj}.data.name_full in {_module('splats.splat_view')}._state.edited")
+    view = _module("splats.splat_view")
+    window.check("the object is drawn in Edit Mode", f"{obj}.data.name_full in {view}._state.edited")
     window.check("what is below the threshold is no dot", f"(~{flags}[1]).sum() == len({_rows(obj)})")
     window.drag(x - half, y - half, x, y, x + half, y + half)
     window.check("a box in Edit Mode selects Gaussians", f"0 < {flags}[0].sum() < len({flags}[0])")
@@ -85,9 +86,7 @@ def change_tools(window: Window) -> None:
     """Press *North*, then *Pick*: clicks belong to the last one, and Escape leaves it."""
     (x, y), _ = frame_object(window)
     running = "[o.bl_idname for o in bpy.context.window_manager.windows[0].modal_operators]"
-    stored = (
-        f"{_module('project.measuring')}.current_measurement({_module('splats.properties')}.project_of(bpy.context.scene.heritage))"
-    )
+    stored = f"{_module('project.measuring')}.current_measurement({_module('splats.properties')}.project_of(bpy.context.scene.heritage))"
     before = window.python(f"print({stored})")
     invoke(window, "measure", action="NORTH")
     invoke(window, "measure", action="RULER")

@@ -91,7 +91,7 @@ def test_scripts_start_before_any_environment() -> None:
     ours = {path.stem for path in (ROOT / "scripts").glob("*.py")}
     # In Blender, or in the root of its window, which window.sh makes.
     in_blender = {"bpy", "mathutils", "numpy", "bl_ext", "addon_utils", "Xlib"}
-    # Windows and the window are tested in the engine's environment, for which `make` runs `make setup` first.
+    # Windows and the window are tested in the environment of the engine, which `make setup` makes first.
     in_engine = {"opencv-contrib-python-headless", "packaging", "pillow", "scipy"}
     ours.add("windows")
     # `engine.install.environment` needs nothing else, as a contract of .importlinter demands.
