@@ -86,7 +86,8 @@ def change_tools(window: Window) -> None:
     """Press *North*, then *Pick*: clicks belong to the last one, and Escape leaves it."""
     (x, y), _ = frame_object(window)
     running = "[o.bl_idname for o in bpy.context.window_manager.windows[0].modal_operators]"
-    stored = f"{_module('project.measuring')}.current_measurement({_module('splats.properties')}.project_of(bpy.context.scene.heritage))"
+    project = f"{_module('splats.properties')}.project_of(bpy.context.scene.heritage)"
+    stored = f"{_module('project.measuring')}.current_measurement({project})"
     before = window.python(f"print({stored})")
     invoke(window, "measure", action="NORTH")
     invoke(window, "measure", action="RULER")
