@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import json
 import logging
-import os
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..core.engine_process import engine_command, engine_environment
 from ..core.errors import HeritageError, ProjectError
 from ..core.files import delete_derived
-from ..core.system import CODE_ROOT
 from ..workers.jobs import Job, JobState, WaitingJob, seconds_left_in_all
 from .feeds import Feeds
 from .interrupted import interrupted_jobs
@@ -228,8 +226,7 @@ class JobQueue:
     def _command(self, arguments: Sequence[str]) -> tuple[str, ...]:
         """Return the command line of a job: with `_words`, the only place that knows its form."""
         words = [*self._prefix, *arguments] if self._prefix else [*arguments, "--events"]
-        # -P: a file in the current folder must not pass for a module of ours.
-        return (sys.executable, "-P", "-m", "engine", *words)
+        return tuple(engine_command(*words))
 
     def _step(self) -> None:
         for job in list(self._running.values()):
@@ -255,7 +252,11 @@ class JobQueue:
         if waiting.file.exists() and waiting.subject.is_dir():
             try:
                 job = Job.start(
-                    waiting.command, folder, kind=waiting.kind, subject=str(waiting.subject), environment=_environment()
+                    waiting.command,
+                    folder,
+                    kind=waiting.kind,
+                    subject=str(waiting.subject),
+                    environment=engine_environment(),
                 )
                 self._running[folder] = self._last[waiting.subject] = job
                 self._not_started.pop(waiting.subject, None)
@@ -308,10 +309,6 @@ def _words(command: Sequence[str]) -> list[str]:
     if words[:1] == ["remote"]:
         return words[words.index("--") + 1 :]
     return [word for word in words if word != "--events"]
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(CODE_ROOT), "PYTHONSAFEPATH": "1"}
 
 
 def _view_of_waiting(waiting: WaitingJob) -> JobView:

@@ -18,6 +18,7 @@ import pytest
 from fastapi.testclient import TestClient
 from PIL import Image
 
+from engine.core.engine_process import engine_environment
 from engine.serve import ServeSettings, job_queue
 from engine.serve.app import create_app
 from tests.conftest import PATIENCE
@@ -140,7 +141,7 @@ def fake_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
         (folder / "__main__.py").write_text(FAKE_ENGINE + textwrap.dedent(end))
 
     make("say('finished', message='done', outputs={})")
-    monkeypatch.setattr(job_queue, "CODE_ROOT", folder.parent)
+    monkeypatch.setattr(job_queue, "engine_environment", lambda: engine_environment(root=folder.parent))
     return make
 
 
