@@ -52,8 +52,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Store the edits."""
     import numpy as np
 
-    from ...objects import load_membership, load_object
-    from ...project.objects import object_states
+    from ...project.objects import load_membership, load_object, object_states
     from .stored_edits import read_membership, store_edits
 
     if not any((options.set, options.merge, options.threshold, options.level, options.rename, options.delete)):

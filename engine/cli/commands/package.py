@@ -52,7 +52,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write the packages."""
     from ...delivery.packages import is_viewer_built, write_package
     from ...delivery.records import EXAMPLE_ADDRESS
-    from ...objects import list_objects, load_object
+    from ...project.objects import list_objects, load_object
     from ...rasterizer import Device, choose_objects_device, device_words, run_on
 
     address = options.address or EXAMPLE_ADDRESS

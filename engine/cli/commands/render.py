@@ -11,8 +11,8 @@ import numpy as np
 
 from ...core.errors import CameraError, Cancelled, SettingsError
 from ...core.events import Emit, Finished, Progress, StopCheck
-from ...objects import load_membership, load_object, object_gaussians
 from ...project.folder import ProjectFolder
+from ...project.objects import load_membership, load_object, object_gaussians
 from ...scene import Camera, CameraSet, PinholeCamera, read_camera_set
 from .named_photos import known_photo
 

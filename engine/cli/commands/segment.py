@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ...core.errors import PromptError, SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...core.words import split_texts
-from ...objects import object_ids, parse_point, parse_prompt
+from ...objects import parse_point, parse_prompt
 from ...objects.settings import DEFAULT_PRESET, PRESETS
 from ...project.folder import ProjectFolder
+from ...project.objects import object_ids
 from ...rasterizer import PROCESSOR, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
 from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos

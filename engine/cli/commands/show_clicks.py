@@ -34,9 +34,10 @@ def project_folder(options: argparse.Namespace) -> None:
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Answer questions until standard input ends."""
     from ...masks import load_sam
-    from ...objects import Point, click_masks, load_context, load_membership, load_object
+    from ...objects import Point, click_masks, load_context
     from ...objects.grounding import load_default_detector
     from ...objects.settings import BETTER
+    from ...project.objects import load_membership, load_object
 
     project = ProjectFolder.open_existing(options.project)
     sam = functools.partial(load_sam, options.sam)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.objects.storage import save_object
-from engine.project.objects import ObjectRecord
+from engine.pictures import encode_png
+from engine.project.objects import ObjectRecord, save_object
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene, make_scene
 
@@ -41,7 +41,7 @@ def project(client: Client, scene: BlobScene) -> str:
     with Image.open(folder / "photos" / photo) as opened:
         mask = np.zeros(opened.size[::-1], bool)
     mask[10:30, 20:40] = True
-    save_object(made.path, record, members.astype(np.float32), [("seed", mask)])
+    save_object(made.path, record, members.astype(np.float32), pictures={"seed.png": encode_png(mask)})
     return project
 
 
