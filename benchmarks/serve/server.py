@@ -39,8 +39,8 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from engine.serve import job_queue
-job_queue._ROOT = Path(sys.argv[1])
-from engine.cli import main
+job_queue.CODE_ROOT = Path(sys.argv[1])
+from engine.cli.main import main
 sys.exit(main(sys.argv[2:]))
 """
 

@@ -5,7 +5,7 @@ import path from "node:path";
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 
-const SHOWN = "../../packages/viewer_files";
+const SHOWN = "../../delivery/packages/viewer_files";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
 process.chdir(here);

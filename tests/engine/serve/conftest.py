@@ -49,7 +49,7 @@ from engine.serve import run
 run.PAGE = Path(sys.argv[1])
 from engine.serve import app
 app.create_app.__defaults__ = (Path(sys.argv[1]),)
-from engine.cli import main
+from engine.cli.main import main
 sys.exit(main(sys.argv[2:]))
 """
 
