@@ -16,7 +16,6 @@ from pathlib import Path
 
 from ..core.engine_process import engine_command, engine_environment
 from ..core.errors import HeritageError, ProjectError
-from ..core.files import delete_derived
 from ..workers.jobs import Job, JobState, WaitingJob, seconds_left_in_all
 from .feeds import Feeds
 from .interrupted import interrupted_jobs
@@ -283,11 +282,6 @@ class JobQueue:
             if views is not None and self._published.get((project, kind)) != text:
                 self._published[project, kind] = text
                 self._feeds.publish(project, kind, text)
-
-
-def delete_ended_jobs(project: WebProject) -> None:
-    """Delete the records of all jobs of a project."""
-    delete_derived(project.folder, "jobs")
 
 
 def _jobs_in(data: Path) -> Iterator[tuple[Path, Job]]:
