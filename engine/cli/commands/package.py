@@ -11,11 +11,12 @@ from ...core.events import Emit, Finished, Progress, StopCheck, Warned
 from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "package"
 HELP = "Write each object, or the whole scene, as a package to keep: files, records, pictures and checksums."
 EXAMPLE = "python -m engine package scene --object vase --out packages"
+LOG_IN = "project"
 USES_CAMERAS = True
 _ADDRESS = re.compile(r"https?://[^\s<>\"{}|\\^`]+/")
 
@@ -40,12 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--overwrite", action="store_true", help="replace packages that exist")
     add_device_option(parser, "render the pictures")
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
     from ...objects import Segmenter
     from ...scene import Camera, PinholeCamera
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "segment"
 HELP = "Isolate objects of a trained scene by text, click, box or mask; correct an object; or find all objects."
 EXAMPLE = "python -m engine segment scene --click IMG_3023.jpg=364,500 --not IMG_3023.jpg=364,700 --name statue"
+LOG_IN = "project"
 USES_CAMERAS = True
 
 
@@ -72,12 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_sam_argument(parser)
     add_device_option(parser, "render views and count votes")
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the folder of the log."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -14,7 +14,7 @@ from ...project.folder import ProjectFolder
 from ...workers.jobs import Click, pack_mask, read_question
 from .chosen_models import add_sam_argument
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "show-clicks"
 HELP = "Say what clicks on photos mean, as masks: questions are lines of JSON on standard input, for programs."
@@ -25,10 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
     add_sam_argument(parser)
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: nothing is done that a log should tell."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
