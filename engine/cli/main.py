@@ -35,7 +35,6 @@ def build_parser() -> argparse.ArgumentParser:
         )
         module.add_arguments(command)
         command.add_argument("--events", action="store_true", help="progress as JSON lines on standard output")
-        # LOG_IN names the argument that is the project whose log is written; commands without one write no log.
         log_in, uses_cameras = getattr(module, "LOG_IN", ""), getattr(module, "USES_CAMERAS", False)
         command.set_defaults(run=module.run, log_in=log_in, uses_cameras=uses_cameras)
     return parser
