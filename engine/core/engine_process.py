@@ -18,7 +18,7 @@ _MAX_LINE = 1 << 20
 
 
 def engine_command(*arguments: object, python: Path | None = None, module: str = "engine") -> list[str]:
-    """Return the command line that runs a module of the engine.
+    """Return the command line that runs a module of the engine, with the variables of `engine_environment`.
 
     Parameters
     ----------
@@ -28,8 +28,7 @@ def engine_command(*arguments: object, python: Path | None = None, module: str =
         Another Python than that of this process.
     module : str
     """
-    # -P: a file in the current folder must not pass for a module of ours.
-    return [str(python or sys.executable), "-P", "-m", module, *map(str, arguments)]
+    return [str(python or sys.executable), "-m", module, *map(str, arguments)]
 
 
 def engine_environment(
@@ -53,7 +52,7 @@ def engine_environment(
         # Blender may set PYTHONHOME to its own Python; another interpreter cannot start with it.
         kept.pop("PYTHONHOME", None)
         kept, paths = with_utf8(kept), paths[:1]
-    # As -P, for what the engine starts.
+    # PYTHONSAFEPATH: a file in the current folder must not pass for a module of ours.
     return {**kept, "PYTHONPATH": os.pathsep.join(paths), "PYTHONSAFEPATH": "1"}
 
 

@@ -78,4 +78,4 @@ def test_environment_is_the_engines_own(tmp_path: Path) -> None:
 
 
 def test_command_requests_events() -> None:
-    assert process.engine_command(Path("p"), "doctor") == ["p", "-P", "-m", "engine", "doctor", "--events"]
+    assert process.engine_command(Path("p"), "doctor") == ["p", "-m", "engine", "doctor", "--events"]

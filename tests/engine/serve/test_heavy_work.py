@@ -77,7 +77,7 @@ def test_job_takes_no_module_from_the_folder_that_it_runs_in(client: Client) -> 
     client.wait_for_job(project, "finished")
     (job,) = (client.folder(project) / "jobs").iterdir()
     attached = Job.attach(job)
-    assert attached is not None and attached.command[1:4] == ["-P", "-m", "engine"]
+    assert attached is not None and attached.command[1:3] == ["-m", "engine"]
 
 
 def test_job_that_cannot_be_started_leaves_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
