@@ -89,7 +89,7 @@ def click_objects(
     among : sequence of str, optional
         Only these objects are clicked.
     """
-    sight = addon("sight")
+    sight = addon("splats.sight")
     layer = sight.SplatLayer("scene", RayCaster(gaussians), np.eye(4), labels, np.arange(len(labels)))
     rng, hits, done = np.random.default_rng(seed), 0, 0
     usable = [camera for camera in cameras if camera.photo in truth.readers]

@@ -94,7 +94,7 @@ def _constant(kind: str, node: ast.expr) -> Iterator[tuple[str, str]]:
 def all_texts() -> dict[str, str]:
     """Return all texts of the add-on, with their kinds."""
     found: dict[str, str] = {}
-    for file in [*OFFERED, *(file for folder in FOLDERS for file in sorted((ROOT / folder).glob("*.py")))]:
+    for file in [*OFFERED, *(file for folder in FOLDERS for file in sorted((ROOT / folder).rglob("*.py")))]:
         for kind, text in texts_of(file.read_text(encoding="utf-8")):
             found.setdefault(text, kind)
     return found

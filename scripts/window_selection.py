@@ -66,9 +66,9 @@ def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float
     (x, y), half = place, 0.25 * height
     window.keys("Tab")
     window.keys("alt+a")
-    flags = f"{_module('edited_splats')}.vertex_flags({obj})"
+    flags = f"{_module('splats.edited_splats')}.vertex_flags({obj})"
     window.check("the mode is Edit Mode, in which nothing is selected", f"not {flags}[0].any()")
-    window.check("the object is drawn in Edit Mode", f"{obj}.data.name_full in {_module('splat_view')}._state.edited")
+    window.check("the object is drawn in Edit Mode", f"{obj}.data.name_full in {_module('splats.splat_view')}._state.edited")
     window.check("what is below the threshold is no dot", f"(~{flags}[1]).sum() == len({_rows(obj)})")
     window.drag(x - half, y - half, x, y, x + half, y + half)
     window.check("a box in Edit Mode selects Gaussians", f"0 < {flags}[0].sum() < len({flags}[0])")
@@ -78,7 +78,7 @@ def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float
 
 
 def _rows(obj: str) -> str:
-    return f"{_module('hand_edits')}.member_rows({obj})"
+    return f"{_module('project.hand_edits')}.member_rows({obj})"
 
 
 def change_tools(window: Window) -> None:
@@ -86,7 +86,7 @@ def change_tools(window: Window) -> None:
     (x, y), _ = frame_object(window)
     running = "[o.bl_idname for o in bpy.context.window_manager.windows[0].modal_operators]"
     stored = (
-        f"{_module('measuring')}.current_measurement({_module('properties')}.project_of(bpy.context.scene.heritage))"
+        f"{_module('project.measuring')}.current_measurement({_module('splats.properties')}.project_of(bpy.context.scene.heritage))"
     )
     before = window.python(f"print({stored})")
     invoke(window, "measure", action="NORTH")
@@ -105,12 +105,12 @@ def change_tools(window: Window) -> None:
 
 def continue_jobs(window: Window) -> None:
     """Start two jobs, stop both, and continue the first."""
-    runner = _module("job_runner")
+    runner = _module("jobs.job_runner")
     stopped = f"{runner}.stopped(bpy.context.scene)"
     names = f"[job.command[-1] for _, job, _ in {stopped}]"
     count = int(window.python(f"print(len({stopped}))"))
     window.python("bpy.ops.heritage.isolate(prompt='vase')\nbpy.ops.heritage.isolate(prompt='teapot')")
-    text = f"{_module('panels')}._running_text({runner}.current()[1])"
+    text = f"{_module('panels.panels')}._running_text({runner}.current()[1])"
     window.check("the first row says what waits", f"'+1 waiting: isolate teapot' in {text}")
     time.sleep(2)
     window.shot("waiting")

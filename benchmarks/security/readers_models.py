@@ -186,7 +186,7 @@ def _write_states(folder: Path) -> None:
 
 def _merge_states(folder: Path) -> object:
     """Read what Blender's preferences keep as text."""
-    files = addon("model_files")
+    files = addon("setup.model_files")
     text = (folder / "states.json").read_bytes().decode("utf-8", "replace")
     merged = files.merge_states(text, {"minisam": "available"})
     return [model.state(json.loads(merged)) for model in files.list_models()]

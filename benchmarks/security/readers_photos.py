@@ -61,7 +61,7 @@ def _read_photos(folder: Path) -> object:
 
 
 def _show_photo(folder: Path) -> object:
-    frame = addon("photo_frame")
+    frame = addon("project.photo_frame")
     file = folder / "photos" / "a.jpg"
     frame.require_small(file, 1_000_000)
     return frame.exif_orientation(file)

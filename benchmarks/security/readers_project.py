@@ -209,7 +209,7 @@ def _store_forecast(folder: Path) -> object:
 
 
 def _stored_curve(folder: Path) -> object:
-    curve = addon("curve")
+    curve = addon("project.curve")
     points = inspect.unwrap(curve.stored_curve)(folder)
     return curve.curve_picture(points) if points else None
 

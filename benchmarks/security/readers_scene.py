@@ -124,7 +124,7 @@ def _show_cameras(folder: Path) -> object:
     from engine.project.content import photo_camera
 
     camera = photo_camera(folder, "hall/b.jpg")
-    return addon("photo_frame").remove_distortion(np.zeros((15, 20, 4), np.float32), camera)
+    return addon("project.photo_frame").remove_distortion(np.zeros((15, 20, 4), np.float32), camera)
 
 
 def _write_camera(folder: Path) -> None:

@@ -5,16 +5,20 @@ from __future__ import annotations
 __all__ = ["BLENDER", "GROUPS", "IN_BLENDER", "NOT_ON_WINDOWS", "QUICK"]
 
 GROUPS = {
-    "processes": ("tests/engine/test_child_process.py", "tests/engine/workers/jobs", "tests/engine/core/system"),
-    "files": ("tests/engine/core/files", "tests/engine/test_project_folder.py"),
+    "processes": ("tests/engine/core/test_child_process.py", "tests/engine/workers/jobs", "tests/engine/core/system"),
+    "files": ("tests/engine/core/files", "tests/engine/project/test_project_folder.py"),
     "structure of photos": ("tests/engine/photos",),
     "installer": ("tests/engine/install/environment",),
     "model files": ("tests/engine/install/models",),
     "formats": ("tests/engine/formats", "tests/engine/scene"),
     "records": ("tests/engine/delivery/records", "tests/engine/delivery/packages"),
-    "command line": ("tests/engine/test_cli.py", "tests/engine/test_events.py", "tests/engine/test_settings.py"),
-    "computer": ("tests/engine/test_doctor.py", "tests/engine/test_provenance.py"),
-    "pipeline": ("tests/engine/test_pipeline.py",),
+    "command line": (
+        "tests/engine/cli/test_cli.py",
+        "tests/engine/core/test_events.py",
+        "tests/engine/core/test_settings.py",
+    ),
+    "computer": ("tests/engine/cli/test_doctor.py", "tests/engine/project/test_provenance.py"),
+    "pipeline": ("tests/engine/pipeline/test_pipeline.py",),
     "add-on without Blender": ("tests/addon",),
 }
 """Tests by what they are about: files and folders of the repository."""
@@ -66,7 +70,6 @@ IN_BLENDER = {
         "addon/test_ply_in_and_out.py",
     ),
     "projects": (
-        "addon/test_first_release.py",
         "addon/test_hostile_blend.py",
         "addon/test_moved_project.py",
         "addon/test_project.py",
@@ -83,7 +86,7 @@ NOT_ON_WINDOWS: dict[str, str] = {
     "tests/engine/delivery/packages/test_hostile_packages.py::test_link_in_a_package_is_refused": (
         "under Wine, a symbolic link is shown as the file that it leads to"
     ),
-    "tests/engine/test_pipeline.py::test_stop_signal_is_one_sentence_and_the_next_run_continues": (
+    "tests/engine/pipeline/test_pipeline.py::test_stop_signal_is_one_sentence_and_the_next_run_continues": (
         "Windows sends no signals; programs are stopped there by a file, as the cancelled reconstruction is"
     ),
     **dict.fromkeys(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from engine.rasterizer import cpu
 from engine.rasterizer.raster import RasterInputs
 from engine.training import loop, step, views
+from engine.training.settings import LAMBDA_DSSIM
 
 __all__ = ["GpuTarget", "gsplat_in_training", "photometric_loss", "rasterize", "ssim"]
 
@@ -73,8 +74,8 @@ def rasterize(inputs: RasterInputs) -> SimpleNamespace:
     return SimpleNamespace(image=image, transmittance=transmittance)
 
 
-def photometric_loss(image: torch.Tensor, target: GpuTarget, *, lambda_dssim: float) -> torch.Tensor:
-    """Return the loss of `engine.rasterizer.photometric_loss`, computed on the GPU."""
+def photometric_loss(image: torch.Tensor, target: GpuTarget, *, lambda_dssim: float = LAMBDA_DSSIM) -> torch.Tensor:
+    """Return the loss of `engine.training.photometric_loss`, computed on the GPU."""
     x, y = (picture.permute(2, 0, 1)[None] for picture in (image.to(DEVICE), target.colors))
     return ((1.0 - lambda_dssim) * (x - y).abs().mean() + lambda_dssim * (1.0 - ssim(x, y))).cpu()
 

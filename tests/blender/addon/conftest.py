@@ -90,6 +90,13 @@ def opened(project: Any) -> Any:
     return project
 
 
+def german_texts(part: Callable[[str], ModuleType]) -> dict[str, str]:
+    """Return the German texts of the interface by the English ones."""
+    translations = part("gaussian_heritage_addon.language.translations")
+    (german,) = (texts for locales, texts in map(translations.texts_of, translations.LANGUAGES) if "de" in locales)
+    return german
+
+
 def isolated() -> dict[str, bpy.types.Object]:
     """Return the objects of the opened project by id."""
     return {obj.heritage.object_id: obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"}

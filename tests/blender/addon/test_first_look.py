@@ -11,7 +11,7 @@ import blf
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, isolated
+from conftest import FakeLayout, german_texts, isolated
 
 Part = Callable[[str], ModuleType]
 Draw = Callable[[str], FakeLayout]
@@ -122,19 +122,19 @@ def test_same_bar_does_not_stand_twice(opened: Any, part: Part, draw: Draw, monk
 def test_text_in_a_box_is_broken_at_the_width_of_the_box(
     blender: ModuleType, part: Part, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    layouts = part("gaussian_heritage_addon.panels.job_box")
+    drawn_text = part("gaussian_heritage_addon.blender.drawn_text")
     preferences = SimpleNamespace(
         system=SimpleNamespace(ui_scale=2.0), ui_styles=[SimpleNamespace(widget=SimpleNamespace(points=11))]
     )
     context = SimpleNamespace(region=SimpleNamespace(width=2 * 240), preferences=preferences)
-    monkeypatch.setattr(layouts, "bpy", SimpleNamespace(context=context, app=bpy.app, types=bpy.types))
+    monkeypatch.setattr(drawn_text, "bpy", SimpleNamespace(context=context, app=bpy.app, types=bpy.types))
     text = "The Gaussians of this object were changed in another program; open the project again. " * 3
     for n_boxes, icon in ((0, "NONE"), (1, "NONE"), (1, "ERROR"), (2, "ERROR")):
         drawn = FakeLayout()
-        layouts.draw_text(drawn, text, icon=icon, n_boxes=n_boxes)
+        drawn_text.draw_text(drawn, text, icon=icon, n_boxes=n_boxes)
         # In Blender 5.2's window, a panel leaves this much of its region to the letters of a label.
         space = 2 * (240 - 66 - 16 * n_boxes - (20 if icon == "ERROR" else 0))
-        widths = [layouts._width_of(line) for line in drawn.texts]
+        widths = [drawn_text._width_of(line) for line in drawn.texts]
         assert max(widths) <= space and np.mean(widths[:-1]) > 0.6 * space
 
 
@@ -161,7 +161,7 @@ class RowsLayout(FakeLayout):
 @pytest.mark.parametrize("language", ["English", "German"])
 @pytest.mark.parametrize("panel", ["objects", "by_hand", "measure"])
 def test_labels_of_two_buttons_in_a_row_fit_the_sidebar(opened: Any, part: Part, panel: str, language: str) -> None:
-    german = part("gaussian_heritage_addon.language.german").TEXTS
+    german = german_texts(part)
     bpy.context.scene.heritage.active = next(n for n, obj in enumerate(bpy.data.objects) if obj in isolated().values())
     rows: list[list[tuple[str, bool]]] = []
     layout = RowsLayout(rows, [])

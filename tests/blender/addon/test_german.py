@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 import pytest
+from conftest import german_texts
 
 Part = Callable[[str], ModuleType]
 _TYPES = (
@@ -50,12 +51,6 @@ def shown_texts(cls: Any) -> Iterator[str]:
             # Names of models and files have no description and are the same in every language.
             if item.description:
                 yield from (item.name, item.description)
-
-
-def german_texts(part: Part) -> dict[str, str]:
-    translations = part("gaussian_heritage_addon.language.translations")
-    (german,) = (texts for locales, texts in map(translations.texts_of, translations.LANGUAGES) if "de" in locales)
-    return german
 
 
 def test_every_label_and_tooltip_has_a_german_text(blender: ModuleType, part: Part) -> None:

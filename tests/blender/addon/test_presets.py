@@ -26,7 +26,7 @@ FORECAST = (
 
 @pytest.fixture
 def times(part: Part) -> Iterator[ModuleType]:
-    module = part(f"{ADDON}.preset_times")
+    module = part(f"{ADDON}.jobs.preset_times")
     yield module
     module.stop()
     module._known.clear()

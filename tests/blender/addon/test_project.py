@@ -104,7 +104,7 @@ def test_record_is_kept_in_the_project_and_in_exports(project: Any, part: Part, 
     open_project(project)
     properties = bpy.data.objects["Vase"].heritage
     properties.catalogue_number, properties.title, properties.rights = "1906.12", "Gefäß", "CC BY 4.0"
-    records = part("engine.delivery.records")
+    records = part("engine.project.objects")
     assert records.load_record(project.folder, "vase") == records.MuseumRecord("1906.12", "Gefäß", "CC BY 4.0", "")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="GLB")
@@ -239,5 +239,5 @@ def test_every_typed_property_is_registered(part: Part) -> None:
             registered = getattr(bpy.ops.heritage, operator.bl_idname.partition(".")[2]).get_rna_type().properties
             assert set(vars(operator).get("__annotations__", {})) <= set(registered.keys()), operator
     addon = "gaussian_heritage_addon"
-    for group in [*part(f"{addon}.properties").CLASSES, *part(f"{addon}.preferences_page").CLASSES]:
+    for group in [*part(f"{addon}.splats.properties").CLASSES, *part(f"{addon}.panels.preferences_page").CLASSES]:
         assert set(group.__annotations__) <= set(group.bl_rna.properties.keys()), group

@@ -288,7 +288,7 @@ def not_stored(draw: Callable[[str], Any]) -> list[str]:
 
 def write(part: Part, folder: Path, object_id: str, name: str) -> None:
     """Rename an object as another program does."""
-    part("engine.delivery.records").rename_object(folder, object_id, name)
+    part("engine.project.objects").rename_object(folder, object_id, name)
 
 
 def test_hidden_object_is_renamed_as_well(museum: Any, part: Part) -> None:
@@ -302,7 +302,7 @@ def test_hidden_object_is_renamed_as_well(museum: Any, part: Part) -> None:
 
 
 def test_record_follows_undo_and_redo(museum: Any, part: Part) -> None:
-    load = part("engine.delivery.records").load_record
+    load = part("engine.project.objects").load_record
     for title in ("Krater", "Amphora"):
         isolated()["vase"].heritage.title = title
         step()
@@ -316,7 +316,7 @@ def test_record_follows_undo_and_redo(museum: Any, part: Part) -> None:
 
 
 def test_fields_that_another_program_has_filled_in_are_kept(museum: Any, part: Part) -> None:
-    records = part("engine.delivery.records")
+    records = part("engine.project.objects")
     records.save_record(museum.folder, "vase", records.MuseumRecord(notes="from the page"))
     vase = isolated()["vase"]
     vase.heritage.title = "Krater"
@@ -406,7 +406,7 @@ def test_state_that_the_trash_has_not_any_more_is_said_and_stored_by_one_press(
     act(correct)
     folders = part("engine.project.folder").ProjectFolder
     with folders.open_existing(museum.folder) as opened:
-        part("engine.delivery.records").empty_trash(opened)
+        part("engine.project.objects").empty_trash(opened)
     undo()
     assert "no earlier state of 'vase' any more" in problem(part) and not_stored(draw) == ["Not stored: Vase"]
     act(lambda _: bpy.ops.heritage.store_edits())
@@ -447,7 +447,7 @@ def test_copies_belong_to_the_file_alone(
     bpy.data.objects.remove(copy)
     step()
     assert in_project(part, museum.folder) == stored and not_stored(draw) == []
-    assert part("engine.delivery.records").load_record(museum.folder, "vase").title == ""
+    assert part("engine.project.objects").load_record(museum.folder, "vase").title == ""
     file = tmp_path / "museum.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -460,7 +460,7 @@ def test_copies_belong_to_the_file_alone(
     bpy.data.objects.remove(appended)
     step()
     assert in_project(part, museum.folder) == stored
-    assert part("engine.delivery.records").load_record(museum.folder, "vase").title == ""
+    assert part("engine.project.objects").load_record(museum.folder, "vase").title == ""
 
 
 def test_object_that_another_scene_of_the_file_shows_is_not_deleted(
