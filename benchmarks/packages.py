@@ -24,8 +24,8 @@ from engine.core.system import describe_machine
 from engine.delivery.packages import verify_package, write_package
 from engine.delivery.packages.bag import write_bag
 from engine.delivery.records import EXAMPLE_ADDRESS
-from engine.objects import list_objects
 from engine.project.folder import ProjectFolder
+from engine.project.objects import list_objects
 from engine.quality.evaluation import write_section
 
 TITLE = "Measured"

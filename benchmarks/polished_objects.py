@@ -24,11 +24,12 @@ import torch
 
 from engine.cameras import undistort
 from engine.core.events import never_stop
-from engine.objects import View, Views, erode_mask, list_objects, load_membership, polish
+from engine.objects import View, Views, erode_mask, polish
 from engine.objects.settings import BETTER
 from engine.photos import load_pixels
 from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
+from engine.project.objects import list_objects, load_membership
 from engine.quality.evaluation import read_ground_truth, write_section
 from engine.quality.evaluation.settings import MARKS
 from engine.scene import Camera, Gaussians, read_camera_set

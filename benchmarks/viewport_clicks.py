@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.core.events import never_stop
-from engine.objects import list_objects, load_membership
 from engine.pictures import Scene
+from engine.project.objects import list_objects, load_membership
 from engine.quality.evaluation import GroundTruth, read_ground_truth, write_section
 from engine.quality.evaluation.gaussian_truth import gaussian_truth
 from engine.scene import Camera, Gaussians, RayCaster, photo_ray, read_camera_set

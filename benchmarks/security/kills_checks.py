@@ -20,10 +20,9 @@ from engine.core.errors import HeritageError
 from engine.core.files import parse_json, read_bytes
 from engine.formats import read_ply
 from engine.masks import read_label_map
-from engine.objects import list_objects, load_membership
 from engine.pipeline.stages import STAGES
 from engine.project.folder import PROJECT_FILE, ProjectFolder
-from engine.project.objects import load_record
+from engine.project.objects import list_objects, load_membership, load_record
 from engine.scene import load_polished, read_camera_set
 from engine.training import load_gaussians
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import shutil
 from dataclasses import dataclass
@@ -209,14 +210,12 @@ def _store_forecast(folder: Path) -> object:
 
 def _stored_curve(folder: Path) -> object:
     curve = addon("project.curve")
-    curve._read.cache_clear()
-    points = curve.stored_curve(folder)
+    points = inspect.unwrap(curve.stored_curve)(folder)
     return curve.curve_picture(points) if points else None
 
 
 def _list_objects(folder: Path) -> object:
-    from engine.objects import is_object_intact, list_objects, load_object
-    from engine.objects.storage import forget_unreadable_record
+    from engine.project.objects import forget_unreadable_record, is_object_intact, list_objects, load_object
 
     objects = list_objects(folder)
     forget_unreadable_record(folder, "vase")
@@ -224,18 +223,19 @@ def _list_objects(folder: Path) -> object:
 
 
 def _show_objects(folder: Path) -> object:
-    from engine.project import content as project
+    from engine.project.content import list_objects
+    from engine.project.objects import load_level, load_membership, require_intact
 
-    objects = project.list_objects(folder)
-    project.require_intact(folder, "vase")
+    objects = list_objects(folder)
+    require_intact(folder, "vase")
     return [
-        project.load_membership(folder, "vase", 3),
-        *(project.load_level(folder, "vase", one.level, 3) for one in objects),
+        load_membership(folder, "vase", 3),
+        *(load_level(folder, "vase", one.level, 3) for one in objects),
     ]
 
 
 def _read_memberships(folder: Path) -> object:
-    from engine.objects.storage import load_levels, load_membership
+    from engine.project.objects import load_levels, load_membership
 
     return load_membership(folder, "vase"), load_levels(folder, "vase")
 
@@ -300,10 +300,9 @@ def _load_candidate(folder: Path) -> object:
 
 
 def _show_candidates(folder: Path) -> object:
-    from engine.project import refused_prompts as candidates
+    from engine.project.refused_prompts import read_not_found
 
-    candidates._read.cache_clear()
-    return candidates.read_not_found(folder)
+    return inspect.unwrap(read_not_found)(folder)
 
 
 def _write_kept(folder: Path) -> None:

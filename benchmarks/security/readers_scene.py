@@ -318,7 +318,7 @@ def _write_polished(folder: Path) -> None:
 
 
 def _read_polished(folder: Path) -> object:
-    from engine.objects import load_object, object_gaussians
+    from engine.project.objects import load_object, object_gaussians
 
     return object_gaussians(folder, load_object(folder, "vase"), _gaussians())
 

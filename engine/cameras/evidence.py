@@ -174,17 +174,13 @@ class Evidence:
         return sum(not pair.agrees for pair in self.pairs) / len(self.pairs) if self.pairs else 0.0
 
 
-def measure_model(
-    model: pycolmap.Reconstruction, *, lens_is_known: bool = False, should_stop: StopCheck
-) -> dict[str, float | bool | int]:
+def measure_model(model: pycolmap.Reconstruction, *, should_stop: StopCheck) -> dict[str, float | bool | int]:
     """Return the figures of `Evidence` that the model alone gives, by name.
 
     Parameters
     ----------
     model : pycolmap.Reconstruction
         At least three placed photos. It is not changed.
-    lens_is_known : bool
-        Whether the user gave the lenses; then no others are tried.
     should_stop : StopCheck
 
     Raises
@@ -201,8 +197,6 @@ def measure_model(
     figures["seen_by_three"] = float((lengths >= 3).mean())
     figures["angle"] = _median_angle(model)
     figures["missing"] = missing_share(model)
-    if lens_is_known:
-        return figures
     from .lens_groups import lenses_differ
 
     own = tried_lenses(model, should_stop=should_stop)

@@ -35,8 +35,8 @@ def build_parser() -> argparse.ArgumentParser:
         )
         module.add_arguments(command)
         command.add_argument("--events", action="store_true", help="progress as JSON lines on standard output")
-        uses_cameras = getattr(module, "USES_CAMERAS", False)
-        command.set_defaults(run=module.run, find_project=module.project_folder, uses_cameras=uses_cameras)
+        log_in, uses_cameras = getattr(module, "LOG_IN", ""), getattr(module, "USES_CAMERAS", False)
+        command.set_defaults(run=module.run, log_in=log_in, uses_cameras=uses_cameras)
     return parser
 
 
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Without the name of the program; by default those of the process.
     """
     options = build_parser().parse_args(arguments)
-    project: Path | None = options.find_project(options)
+    project: Path | None = getattr(options, options.log_in, None)
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:
         end_children_with_this_process()

@@ -13,7 +13,6 @@ import json
 import logging
 import os
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -21,10 +20,12 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 from . import errors
+from .engine_process import engine_command, engine_environment
 from .errors import Cancelled, HeritageError, is_out_of_memory
 from .events import StopCheck, never_stop
 from .files import parse_json
 from .system import (
+    CODE_ROOT,
     end_children_with_this_process,
     end_with_parent,
     exit_cause,
@@ -45,7 +46,6 @@ _ENGINE = str(__package__).rpartition(".")[0]
 # Not `__name__`, which is `__main__` in the child.
 _MODULE = f"{__package__}.child_process"
 _ROOT = Path(__file__).resolve().parents[_MODULE.count(".")]
-_OWN_ROOT = Path(__file__).resolve().parents[2]
 _OWN_MODULE = f"{Path(__file__).resolve().parents[1].name}.core.child_process"
 
 _MAX_START_SECONDS = 300.0
@@ -204,20 +204,17 @@ class _Collector:
 def _started(python: Path | None = None) -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector]]:
     """Start a child and yield it with its answer and its standard error; at the end it is dead, whatever happened."""
     if python is None:
-        program, module, environment = sys.executable, _MODULE, dict(os.environ)
-        paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        module, root = _MODULE, _ROOT
     else:
-        # There, the engine is a package of its own, whatever it is part of here. Python's own variables are for this.
-        program, module, paths = str(python), _OWN_MODULE, [str(_OWN_ROOT)]
-        environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
+        # There, the engine is a package of its own, whatever it is part of here.
+        module, root = _OWN_MODULE, CODE_ROOT
     process = subprocess.Popen(
-        # -P: a file in the current folder must not pass for a module of ours.
-        [program, "-P", "-m", module],
+        engine_command(python=python, module=module),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         bufsize=0,
-        env={**environment, "PYTHONPATH": os.pathsep.join(paths)},
+        env=engine_environment(root=root, other_python=python is not None),
         **own_group(),
     )
     assert process.stdin and process.stdout and process.stderr

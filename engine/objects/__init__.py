@@ -16,18 +16,6 @@ if TYPE_CHECKING:
     from .prompts import ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, parse_point, parse_prompt
     from .segment import NoMatchError, find_everything, find_objects, mask_at
     from .segmenter import Segmenter
-    from .storage import (
-        forget_unreadable_record,
-        is_object_intact,
-        list_objects,
-        load_levels,
-        load_membership,
-        load_object,
-        object_gaussians,
-        object_ids,
-        save_object,
-        taken_ids,
-    )
     from .views import View, Views, erode_mask, spread_cameras
 
 __all__ = [
@@ -52,25 +40,15 @@ __all__ = [
     "find_everything",
     "find_objects",
     "forget_candidates",
-    "forget_unreadable_record",
-    "is_object_intact",
     "label_maps_of",
-    "list_objects",
     "load_context",
-    "load_levels",
-    "load_membership",
-    "load_object",
     "mask_at",
-    "object_gaussians",
-    "object_ids",
     "parse_point",
     "parse_prompt",
     "photo_folder_of",
     "polish",
-    "save_object",
     "scene_on",
     "spread_cameras",
-    "taken_ids",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

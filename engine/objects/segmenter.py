@@ -8,18 +8,32 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
-from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 
-from ..core.arrays import Float32, Mask, Pixels
+from ..core.arrays import Float32, Mask
 from ..core.errors import FormatError, ObjectError, PromptError
 from ..core.events import Emit, StopCheck, Warned
 from ..core.settings import to_dict
 from ..core.words import normalised, similarly_spelt
+from ..pictures import encode_png
 from ..project.folder import ProjectFolder
-from ..project.objects import PICTURE_FILE, ObjectRecord, delete_object, keep_version, new_id, new_name
+from ..project.objects import (
+    PICTURE_FILE,
+    ObjectRecord,
+    delete_object,
+    keep_version,
+    list_objects,
+    load_levels,
+    load_membership,
+    load_object,
+    membership_in,
+    new_id,
+    new_name,
+    save_object,
+    taken_ids,
+)
 from ..project.provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
 from ..scene import Camera, PinholeCamera, Polished
@@ -32,7 +46,6 @@ from .polishing import polish
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings
-from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
 
 __all__ = ["BACKGROUND", "Segmenter", "TextResult"]
 
@@ -370,16 +383,15 @@ class Segmenter:
             record = self._record(item, asked, item.name or name, started)
             if item.id:
                 record = replace(record, id=item.id, name=names.get(item.id, record.name))
-            previews: list[tuple[str, Pixels | Mask]] = []
+            pictures: dict[str, bytes] = {}
             for best in item.evidence[:1]:
                 mask = best.view.to_photo(best.mask)
-                previews.append(("seed", mask))
+                pictures["seed.png"] = encode_png(mask)
                 if "text" in asked and item.score < SURE_SCORE:
                     # A name that may be wrong is shown beside what it names.
-                    picture = cut_out(context.photos.pixels(best.view.camera), mask)
-                    previews.append((PurePath(PICTURE_FILE).stem, picture))
+                    pictures[PICTURE_FILE] = encode_png(cut_out(context.photos.pixels(best.view.camera), mask))
             levels = item.levels.memberships
-            save_object(self.project.path, record, item.membership, previews, levels=levels, polished=polished)
+            save_object(self.project.path, record, item.membership, levels=levels, polished=polished, pictures=pictures)
             records.append(record)
         return records
 

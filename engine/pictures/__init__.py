@@ -8,7 +8,7 @@ from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .clusters import find_clusters
-    from .png import write_png
+    from .png import encode_png, write_png
     from .render import Subject, render_view, visible_masks
     from .scene import Backend, Scene, normalized
     from .webp import decode_picture, encode_picture
@@ -19,6 +19,7 @@ __all__ = [
     "Subject",
     "decode_picture",
     "encode_picture",
+    "encode_png",
     "find_clusters",
     "normalized",
     "render_view",

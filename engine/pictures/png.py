@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.files import atomic_write
 
-__all__ = ["write_png"]
+__all__ = ["encode_png", "write_png"]
 
 
 def write_png(
@@ -29,11 +30,17 @@ def write_png(
     DiskError
         If the file cannot be written.
     """
+    with atomic_write(path) as stream:
+        stream.write(encode_png(picture, description=description))
+
+
+def encode_png(picture: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.bool_], *, description: str = "") -> bytes:
+    """Return a picture as a PNG file; the parameters are those of `write_png`."""
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
-    info = PngInfo()
+    info, file = PngInfo(), io.BytesIO()
     if description:
         info.add_itxt("Description", description)
-    with atomic_write(path) as stream:
-        Image.fromarray(np.ascontiguousarray(picture)).save(stream, format="PNG", pnginfo=info)
+    Image.fromarray(np.ascontiguousarray(picture)).save(file, format="PNG", pnginfo=info)
+    return file.getvalue()

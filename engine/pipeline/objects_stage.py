@@ -48,8 +48,9 @@ def objects_stage(
 
     def compute() -> dict[str, Any]:
         from ..masks import load_sam
-        from ..objects import Segmenter, object_ids
+        from ..objects import Segmenter
         from ..objects.grounding import load_default_detector
+        from ..project.objects import object_ids
 
         found, again = _found_before(runner, key)
         refused: dict[str, str] = {}
@@ -93,7 +94,7 @@ def forget_found_objects(runner: StageRunner) -> None:
 def _note(
     runner: StageRunner, key: str, found: dict[str, list[str | None]], again: dict[str, list[str | None]]
 ) -> None:
-    from ..objects import object_ids
+    from ..project.objects import object_ids
 
     before = object_ids(runner.project.path)
     runner.project.put(_FOUND_BY_PROMPT, {"key": key, "found": found, "again": again, "before": before})
@@ -116,8 +117,7 @@ def _forget_damaged_objects(runner: StageRunner, key: str | None) -> None:
 
     A damaged object is copied to the trash before, for what the user changed. What the user deleted is not made again.
     """
-    from ..objects import forget_unreadable_record, is_object_intact
-    from ..project.objects import keep_version, object_ids
+    from ..project.objects import forget_unreadable_record, is_object_intact, keep_version, object_ids
 
     project = runner.project
     damaged = [one for one in object_ids(project.path) if not is_object_intact(project.path, one)]

@@ -5,14 +5,13 @@ Standard library only.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from ..core.errors import HeritageError, ProjectError
-from ..core.files import check, optional
+from ..core.files import check, optional, read_after_change
 from ..core.words import join_texts
 from ..project.content import list_objects
 from ..project.folder import PROJECT_FILE, ProjectFolder
@@ -88,18 +87,13 @@ def read_input(project: Path) -> ReconstructionInput:
 
 def better_preset(project: Path) -> str:
     """Return the next better preset than that of the scene of `project`; empty when there is none, or no scene."""
-    try:
-        changed = (project / PROJECT_FILE).stat().st_mtime_ns
-    except (OSError, ValueError):  # ValueError: a null character in the path
-        return ""
     offered = [preset.name for preset in OFFERED_PRESETS]
-    present = _trained_preset(project, changed)
+    present = _trained_preset(project)
     return offered[offered.index(present) + 1] if present in offered[:-1] else ""
 
 
-# Cached, because the panel calls this at each redraw.
-@functools.lru_cache(maxsize=4)
-def _trained_preset(project: Path, changed: int) -> str:
+@read_after_change(PROJECT_FILE)
+def _trained_preset(project: Path) -> str:
     try:
         record: dict[str, Any] = ProjectFolder.open_existing(project).stage_record("training") or {}
     except HeritageError:

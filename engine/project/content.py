@@ -1,4 +1,4 @@
-"""What a finished project holds, as Blender and the server show it: scene, objects, memberships and cameras.
+"""What a finished project holds, as Blender and the server show it: scene, objects and cameras.
 
 Standard library and NumPy only.
 """
@@ -10,25 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..core.errors import CameraError, FormatError, ObjectError, ProjectError
-from ..core.files import ArraySpec, is_as_recorded, object_file, path_within, read_array
+from ..core.files import object_file, path_within
 from ..scene import Camera, read_camera_set
 from .folder import PROJECT_FILE, ProjectFolder
-from .objects import RECORD_FILE, read_record, recorded_files
+from .objects import RECORD_FILE, object_ids, read_record
 
 __all__ = [
     "ProjectObject",
     "default_project_folder",
     "is_project",
     "list_objects",
-    "load_level",
-    "load_membership",
     "photo_camera",
     "report_file",
-    "require_intact",
     "require_object",
     "scene_file",
 ]
@@ -106,8 +100,7 @@ def list_objects(project: Path) -> list[ProjectObject]:
     FormatError
         When an ``object.json`` cannot be read.
     """
-    folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{RECORD_FILE}"))
-    objects = [_read_object(object_file(project, name, RECORD_FILE)) for name in folders]
+    objects = [_read_object(object_file(project, name, RECORD_FILE)) for name in object_ids(project)]
     return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
 
 
@@ -160,65 +153,6 @@ def require_object(project: Path, object_id: str) -> None:
     # Unlike Path.is_file, this is false for names that are too long.
     if not (is_project(project) and os.path.isfile(object_file(project, object_id, RECORD_FILE))):
         raise ObjectError(f"{project} has no object {object_id!r}. Changes are kept in this .blend file only.")
-
-
-def require_intact(project: Path, object_id: str) -> None:
-    """Check the files of an object against the sizes and hashes that the engine recorded, where it did.
-
-    Raises
-    ------
-    FormatError
-        When one of them is missing or damaged.
-    """
-    for name, recorded in recorded_files(object_file(project, object_id, RECORD_FILE)).items():
-        file = object_file(project, object_id, name)
-        if not is_as_recorded(file, recorded):
-            raise FormatError(f"{file} {'was damaged' if file.exists() else 'is missing'}. {_ADVICE}")
-
-
-def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.float32]:
-    """Return the membership of the scene's `count` Gaussians in an object, shape [count], float32, in [0, 1].
-
-    Raises
-    ------
-    FormatError
-        When the file cannot be read, or belongs to another scene.
-    """
-    file = object_file(project, object_id, "membership.npy")
-    membership = read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
-    _require_count(project, object_id, len(membership), count)
-    return membership
-
-
-def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray[np.float32]:
-    """Return the membership in an object at one of its levels, shape [count], float32, without reading other levels.
-
-    Raises
-    ------
-    FormatError
-        When the file cannot be read, belongs to another scene, or has no such level.
-    """
-    file = object_file(project, object_id, "levels.npy")
-    # Memory-mapped: the slider needs only one of several levels.
-    levels = read_array(file, ArraySpec("float32", ("k", "n")), advice=_ADVICE, mapped=True)
-    _require_count(project, object_id, levels.shape[1], count)
-    if not 0 <= level < len(levels):
-        raise FormatError(
-            f"The object {object_id} of {project} has only {len(levels)} levels now; level {level + 1} is missing. "
-            "Open the project again."
-        )
-    membership = np.array(levels[level])
-    if not np.isfinite(membership).all():
-        raise FormatError(f"{file} cannot be read: it has values that are not finite. {_ADVICE}")
-    return membership
-
-
-def _require_count(project: Path, object_id: str, found: int, count: int) -> None:
-    if found != count:
-        raise FormatError(
-            f"The object {object_id} of {project} belongs to another version of the scene ({found} Gaussians, not "
-            f"{count}). Isolate it again."
-        )
 
 
 def photo_camera(project: Path, photo: str) -> Camera:

@@ -5,13 +5,12 @@ Standard library only.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import FormatError, ProjectError
-from ..core.files import delete_derived, optional, path_within, read_json
+from ..core.errors import ProjectError
+from ..core.files import delete_derived, optional, path_within, read_after_change, read_json, stamp_of
 from .content import is_project
 
 __all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found"]
@@ -95,6 +94,7 @@ class NotFound:
     candidates: tuple[Candidate, ...]
 
 
+@read_after_change("/".join(_FILE))
 def read_not_found(project: Path) -> NotFound | None:
     """Return the prompts that the last search by text did not find; None when all were found or the list was closed.
 
@@ -103,28 +103,13 @@ def read_not_found(project: Path) -> NotFound | None:
     FormatError
         When the file cannot be read.
     """
-    try:
-        file = path_within(project, *_FILE)
-        changed = file.stat().st_mtime_ns
-    except (OSError, ValueError):  # ValueError: a null character in the path
+    if stamp_of(project.joinpath(*_FILE)) is None:
         return None
-    found = _read(project, file, changed)
-    if isinstance(found, FormatError):
-        raise found.with_traceback(None)
-    return found
-
-
-# Cached, because the panel calls this at each redraw; an error too.
-@functools.lru_cache(maxsize=4)
-def _read(project: Path, file: Path, changed: int) -> NotFound | FormatError:
-    try:
-        data = read_json(file, _SCHEMA, advice="Delete it and search again.")
-        return NotFound(
-            refusals=tuple(map(_refusal, data["refused"][:_MAX_SHOWN])),
-            candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())[:_MAX_SHOWN]),
-        )
-    except FormatError as error:
-        return error
+    data = read_json(path_within(project, *_FILE), _SCHEMA, advice="Delete it and search again.")
+    return NotFound(
+        refusals=tuple(map(_refusal, data["refused"][:_MAX_SHOWN])),
+        candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())[:_MAX_SHOWN]),
+    )
 
 
 def _refusal(entry: dict[str, Any]) -> Refusal:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
+import io
 import subprocess
-import sys
 from collections.abc import Sequence
 from typing import Any
 
+from ..core.engine_process import engine_command, engine_environment, events_in
 from ..core.errors import HeritageError, ProjectError
-from ..core.events import ErrorEvent, Finished, from_json_line
-from ..core.system import CODE_ROOT
+from ..core.events import ErrorEvent, Finished
 
 __all__ = ["call_engine"]
 
@@ -33,16 +32,12 @@ def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
     ProjectError
         When it takes too long.
     """
-    # -P: a file in the current folder must not pass for a module of ours.
-    command = [sys.executable, "-P", "-m", "engine", *arguments, "--events"]
-    environment = {**os.environ, "PYTHONPATH": str(CODE_ROOT), "PYTHONSAFEPATH": "1"}
+    command = engine_command(*arguments, "--events")
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, env=environment, timeout=_MAX_SECONDS, check=False
-        )
+        done = subprocess.run(command, capture_output=True, env=engine_environment(), timeout=_MAX_SECONDS, check=False)
     except subprocess.TimeoutExpired as error:
         raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. Make it in Blender.") from error
-    events = [from_json_line(line) for line in done.stdout.splitlines()]
+    events = list(events_in(io.BytesIO(done.stdout)))
     if done.returncode:
         sentences = [event.message for event in events if isinstance(event, ErrorEvent)]
         raise HeritageError(sentences[-1] if sentences else f"The {what} failed. The server's log has the details.")

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 import json
 import logging
-import os
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..core.engine_process import engine_command, engine_environment
 from ..core.errors import HeritageError, ProjectError
-from ..core.files import delete_derived
-from ..core.system import CODE_ROOT
 from ..workers.jobs import Job, JobState, WaitingJob, seconds_left_in_all
 from .feeds import Feeds
 from .interrupted import interrupted_jobs
@@ -228,8 +225,7 @@ class JobQueue:
     def _command(self, arguments: Sequence[str]) -> tuple[str, ...]:
         """Return the command line of a job: with `_words`, the only place that knows its form."""
         words = [*self._prefix, *arguments] if self._prefix else [*arguments, "--events"]
-        # -P: a file in the current folder must not pass for a module of ours.
-        return (sys.executable, "-P", "-m", "engine", *words)
+        return tuple(engine_command(*words))
 
     def _step(self) -> None:
         for job in list(self._running.values()):
@@ -255,7 +251,11 @@ class JobQueue:
         if waiting.file.exists() and waiting.subject.is_dir():
             try:
                 job = Job.start(
-                    waiting.command, folder, kind=waiting.kind, subject=str(waiting.subject), environment=_environment()
+                    waiting.command,
+                    folder,
+                    kind=waiting.kind,
+                    subject=str(waiting.subject),
+                    environment=engine_environment(),
                 )
                 self._running[folder] = self._last[waiting.subject] = job
                 self._not_started.pop(waiting.subject, None)
@@ -284,11 +284,6 @@ class JobQueue:
                 self._feeds.publish(project, kind, text)
 
 
-def delete_ended_jobs(project: WebProject) -> None:
-    """Delete the records of all jobs of a project."""
-    delete_derived(project.folder, "jobs")
-
-
 def _jobs_in(data: Path) -> Iterator[tuple[Path, Job]]:
     """Yield all jobs that have not been deleted, with the folders of their projects, the oldest of each first."""
     for jobs in sorted(data.glob("users/*/projects/*/jobs")):
@@ -308,10 +303,6 @@ def _words(command: Sequence[str]) -> list[str]:
     if words[:1] == ["remote"]:
         return words[words.index("--") + 1 :]
     return [word for word in words if word != "--events"]
-
-
-def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(CODE_ROOT), "PYTHONSAFEPATH": "1"}
 
 
 def _view_of_waiting(waiting: WaitingJob) -> JobView:

@@ -114,9 +114,7 @@ class WebProject:
         NotFound
             When there is none of this name.
         """
-        if name not in self.photo_names():
-            raise NotFound(f"There is no photo {name!r}.")
-        return path_within(self.photos, name)
+        return _file_of(self.photos, name, self.photo_names(), "photo")
 
     def video(self, name: str) -> Path:
         """Return the file of a video.
@@ -126,9 +124,7 @@ class WebProject:
         NotFound
             When there is none of this name.
         """
-        if name not in self.video_names():
-            raise NotFound(f"There is no video {name!r}.")
-        return path_within(self.videos, name)
+        return _file_of(self.videos, name, self.video_names(), "video")
 
     def known_hashes(self) -> dict[str, str]:
         """Return the SHA-256 of each photo that is there and was uploaded."""
@@ -201,6 +197,12 @@ class WebProject:
         """Return what stands for a damaged description, so that the project can be seen, renamed and deleted."""
         changed = datetime.fromtimestamp(self.folder.stat().st_mtime, UTC)
         return {"title": f"Damaged project {self.id}", "created": changed.isoformat(timespec="seconds")}
+
+
+def _file_of(folder: Path, name: str, present: list[str], kind: str) -> Path:
+    if name not in present:
+        raise NotFound(f"There is no {kind} {name!r}.")
+    return path_within(folder, name)
 
 
 def _names_in(folder: Path, suffixes: tuple[str, ...]) -> list[str]:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.files import path_within
 from ..formats import read_ply
-from ..project.content import load_membership, scene_file
+from ..project.content import scene_file
+from ..project.objects import load_membership
 from ..scene import Camera, photo_pixels, read_camera_set
 
 __all__ = ["best_place"]

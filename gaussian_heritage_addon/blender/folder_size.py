@@ -6,18 +6,20 @@ import os
 import threading
 from pathlib import Path
 
+from ...engine.core.files import stamp_of
+
 __all__ = ["count", "folder_bytes"]
 
-_known: dict[tuple[Path, int], int | None] = {}
+_known: dict[tuple[Path, tuple[int, int]], int | None] = {}
 """Bytes by folder and the time of its last change; None while they are counted."""
 
 
 def folder_bytes(folder: Path) -> int | None:
     """Return the bytes of the files in a folder; None while they are being counted, and where there is no folder."""
-    try:
-        key = (folder, folder.stat().st_mtime_ns)
-    except OSError:
+    changed = stamp_of(folder)
+    if changed is None:
         return None
+    key = (folder, changed)
     if key not in _known:
         _known.clear()
         _known[key] = None
@@ -37,5 +39,5 @@ def count(folder: Path) -> int:
     return total
 
 
-def _count(folder: Path, changed: int) -> None:
+def _count(folder: Path, changed: tuple[int, int]) -> None:
     _known[folder, changed] = count(folder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32
 from ...engine.core.errors import HeritageError
+from ...engine.core.files import read_after_change
 from ...engine.project.folder import PROJECT_FILE, ProjectFolder
 
 __all__ = ["Point", "curve_picture", "stored_curve", "thinned"]
@@ -37,18 +37,9 @@ _GLYPHS = {
 """Five rows from the top, each an octal digit whose bits are three pixels."""
 
 
+@read_after_change(PROJECT_FILE)
 def stored_curve(project: Path) -> tuple[Point, ...]:
     """Return the curve of the finished training in `project`; empty when there is none or it cannot be read."""
-    try:
-        changed = (project / PROJECT_FILE).stat().st_mtime_ns
-    except (OSError, ValueError):  # ValueError: a null character in the path
-        return ()
-    return _read(project, changed)
-
-
-# Cached, because the panel calls this at each redraw.
-@functools.lru_cache(maxsize=4)
-def _read(project: Path, changed: int) -> tuple[Point, ...]:
     try:
         record = ProjectFolder.open_existing(project).stage_record("training") or {}
         points = record["figures"]["curve"]

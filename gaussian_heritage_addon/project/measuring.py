@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from ...engine.core.arrays import Float64
 from ...engine.core.errors import FormatError, HeritageError, ObjectError
-from ...engine.core.files import path_within
+from ...engine.core.files import read_after_change
 from ...engine.scene import Measurement, Point, load_measurement, save_measurement
 from ..blender.world_placement import drawn_matrix
 from ..splats.properties import heritage_objects, project_of
@@ -23,6 +22,7 @@ from .scene_file import whole_scene
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
 
 
+@read_after_change("measurement.json", "cameras/cameras.json")
 def current_measurement(project: Path) -> Measurement:
     """Return what was measured of a project; panels call this often, so the file is read again only after a change.
 
@@ -31,23 +31,7 @@ def current_measurement(project: Path) -> Measurement:
     FormatError
         As `load_measurement`.
     """
-    return _cached(project, *(_stamp(path_within(project, *names)) for names in _FILES))
-
-
-_FILES = (("measurement.json",), ("cameras", "cameras.json"))
-
-
-@functools.lru_cache(maxsize=4)
-def _cached(project: Path, *stamps: tuple[int, int]) -> Measurement:
     return load_measurement(project)
-
-
-def _stamp(file: Path) -> tuple[int, int]:
-    try:
-        state = file.stat()
-    except OSError:
-        return 0, 0
-    return state.st_mtime_ns, state.st_size
 
 
 def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:

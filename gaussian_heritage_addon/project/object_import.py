@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.core.files import path_within
-from ...engine.project.content import ProjectObject, load_level, load_membership, require_intact
-from ...engine.project.objects import load_record, state_of
+from ...engine.project.content import ProjectObject
+from ...engine.project.objects import load_level, load_membership, load_record, require_intact, state_of
 from ...engine.scene import Gaussians, load_polished
 from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import COUNT_KEY, HeritageObject, loading, scene_count

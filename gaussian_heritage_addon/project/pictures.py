@@ -10,6 +10,7 @@ import bpy
 import bpy.utils.previews
 
 from ...engine.core.errors import PhotoError
+from ...engine.core.files import stamp_of
 from .curve import Point, curve_picture
 from .photo_frame import require_small
 
@@ -25,11 +26,8 @@ _preview_keys: dict[str, str] = {}
 
 def picture_icon(file: Path) -> int:
     """Return the icon of an image file with its current content; 0 when it is missing or large, or without a window."""
-    try:
-        changed = file.stat().st_mtime_ns if file.is_file() else None
-    except (OSError, ValueError):  # ValueError: a null character in the path
-        changed = None
-    if changed is None:
+    changed = stamp_of(file)
+    if changed is None or not file.is_file():
         return 0
     key = f"{file} {changed}"
     if _is_new(str(file), key):

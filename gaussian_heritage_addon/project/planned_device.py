@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 from pathlib import Path
 
 from ...engine.core.errors import HeritageError
+from ...engine.core.files import read_after_change
 from ...engine.project.folder import PROJECT_FILE, ProjectFolder
 
 __all__ = ["planned_device"]
@@ -13,18 +13,9 @@ __all__ = ["planned_device"]
 _PROCESSOR = "cpu"
 
 
+@read_after_change(PROJECT_FILE)
 def planned_device(project: Path) -> str:
     """Return a sentence about the device, with the reason if it is not the card; empty before there is a plan."""
-    try:
-        changed = (project / PROJECT_FILE).stat().st_mtime_ns
-    except (OSError, ValueError):  # ValueError: a null character in the path
-        return ""
-    return _read(project, changed)
-
-
-# Cached, because the panel calls this at each redraw.
-@functools.lru_cache(maxsize=4)
-def _read(project: Path, changed: int) -> str:
     try:
         device = ProjectFolder.open_existing(project).get("work_plan")["device"]
         name, reason = str(device["name"]), str(device["reason"])

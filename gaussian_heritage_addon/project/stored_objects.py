@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...engine.core.errors import HeritageError
-from ...engine.core.files import object_file
+from ...engine.core.files import object_file, stamp_of
 from ...engine.project.content import is_project
 from ...engine.project.objects import (
     MEMBERSHIP_FILE,
@@ -24,7 +24,7 @@ from ..splats.properties import HeritageObject, HeritageScene, project_of
 __all__ = ["StoredObject", "forget", "look", "look_if_changed", "seen"]
 
 
-_Stamps = tuple[tuple[str, str, int, int], ...]
+_Stamps = tuple[tuple[str, str, tuple[int, int] | None], ...]
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,7 @@ def _stamps_of(project: Path) -> _Stamps:
     found = []
     for object_id in object_ids(project):
         for name in (RECORD_FILE, MUSEUM_RECORD_FILE, MEMBERSHIP_FILE):
-            try:
-                state = object_file(project, object_id, name).stat()
-            except OSError:
-                continue
-            found.append((object_id, name, state.st_mtime_ns, state.st_size))
+            found.append((object_id, name, stamp_of(object_file(project, object_id, name))))
     return tuple(found)
 
 

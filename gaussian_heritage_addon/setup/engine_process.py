@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from ...engine.core import engine_process as process
 from ...engine.core.errors import EnvironmentProblem
-from ...engine.core.system import CODE_ROOT, python_in, unsupported, with_utf8
+from ...engine.core.system import python_in, unsupported
 from ...engine.install.environment import EngineEnvironment
 
-__all__ = ["PYTHON_VARIABLE", "engine_command", "engine_environment", "extension_root", "find_python"]
+__all__ = ["PYTHON_VARIABLE", "engine_command", "engine_environment", "find_python"]
 
 PYTHON_VARIABLE = "GAUSSIAN_HERITAGE_PYTHON"
 """Environment variable with the path of the engine's Python."""
@@ -18,11 +19,6 @@ _PROBLEMS = {
     "incomplete": "The set-up of the engine is not complete. Press Continue Set-Up",
     "outdated": "The engine was set up by another version of this add-on. Press Update Engine",
 }
-
-
-def extension_root() -> Path:
-    """Return the folder that contains ``engine``: the installed extension or the repository."""
-    return CODE_ROOT
 
 
 def find_python(preferred: str, environ: Mapping[str, str], root: Path, installed: EngineEnvironment) -> Path:
@@ -76,18 +72,10 @@ def engine_environment(environ: Mapping[str, str], root: Path) -> dict[str, str]
     root : Path
         Value of PYTHONPATH, so that ``python -m engine`` runs the engine of this extension.
     """
-    # Blender may set PYTHONHOME to its own Python; another interpreter cannot start with it.
-    kept = {name: value for name, value in environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
-    return {
-        **with_utf8(kept),
-        "PYTHONPATH": str(root),
-        # A file in the current folder must not pass for a module of ours.
-        "PYTHONSAFEPATH": "1",
-        "PYTHONUNBUFFERED": "1",
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
+    own = process.engine_environment(environ, root=root, other_python=True)
+    return {**own, "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def engine_command(python: Path, *arguments: str) -> list[str]:
     """Return the command line that runs the engine with `arguments` and ``--events``."""
-    return [str(python), "-m", "engine", *arguments, "--events"]
+    return process.engine_command(*arguments, "--events", python=python)

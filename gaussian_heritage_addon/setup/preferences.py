@@ -11,8 +11,9 @@ import bpy
 
 from ...engine.core.errors import EnvironmentProblem, HeritageError
 from ...engine.core.files import delete_derived, read_json, write_json
+from ...engine.core.system import CODE_ROOT
 from ...engine.masks.settings import SAM_MODELS
-from .engine_process import engine_environment, extension_root, find_python
+from .engine_process import engine_environment, find_python
 from .installation import installed_engine
 from .model_files import States, merge_states
 
@@ -119,12 +120,12 @@ def current_python() -> Path:
     EnvironmentProblem
         When none is found.
     """
-    return find_python(bpy.path.abspath(_preferences().engine_python), os.environ, extension_root(), installed_engine())
+    return find_python(bpy.path.abspath(_preferences().engine_python), os.environ, CODE_ROOT, installed_engine())
 
 
 def current_environment() -> dict[str, str]:
     """Return the environment variables of an engine process."""
-    return engine_environment(os.environ, extension_root())
+    return engine_environment(os.environ, CODE_ROOT)
 
 
 def user_folder(name: str) -> Path:

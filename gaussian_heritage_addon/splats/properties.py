@@ -13,8 +13,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...engine.core.errors import ObjectError, ProjectError
-from ...engine.project.content import load_level
-from ...engine.project.objects import MuseumRecord
+from ...engine.project.objects import MuseumRecord, load_level
 from ..blender.lengths import read_length, write_length
 from ..blender.typed_properties import blender_properties
 from .selection import (

@@ -18,11 +18,10 @@ from engine.cameras import read_cameras
 from engine.core.files import write_json
 from engine.masks import label_map_path
 from engine.masks.storage import write_label_map
-from engine.objects.storage import save_object
 from engine.photos import inspect_photos, read_photos
 from engine.photos.settings import PhotoSettings
 from engine.project.folder import ProjectFolder
-from engine.project.objects import MuseumRecord, ObjectRecord, save_record
+from engine.project.objects import MuseumRecord, ObjectRecord, save_object, save_record
 from engine.scene import Gaussians, Polished, write_camera_set, write_photo_set
 from engine.training import save_gaussians
 from tests.engine.museum import VIEWS, write_cameras, write_photos

@@ -16,8 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 from engine.cli.main import main
 from engine.delivery.packages.page import is_viewer_built
 from engine.formats import read_ply
-from engine.objects.storage import save_object
-from engine.project.objects import MuseumRecord, ObjectRecord, save_record
+from engine.project.objects import MuseumRecord, ObjectRecord, save_object, save_record
 from engine.scene import Gaussians
 from engine.scene.camera import Camera
 from tests.engine.objects.fakes import trained_project

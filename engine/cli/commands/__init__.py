@@ -1,4 +1,7 @@
-"""The commands of ``python -m engine``, one module each: name, help, example, arguments and `run`."""
+"""The commands of ``python -m engine``, one module each: name, help, example, arguments and `run`.
+
+``LOG_IN`` names the argument that is the project whose log is written.
+"""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from ...core.words import join_texts, split_list
 from ...pipeline.stages import STAGES
 from .scene_options import add_device_option, add_no_objects_option, add_preset_option, add_prompts_option, prompts_of
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "batch"
 HELP = "Reconstruct many photo folders, on this computer or a Dask cluster; run again, it continues."
@@ -43,10 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tries", type=int, default=3, help="tries of a stage when workers fail (default: %(default)s)"
     )
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: every folder has its own project and log."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

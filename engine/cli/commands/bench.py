@@ -11,7 +11,7 @@ from ...project.folder import PROJECT_FILE, ProjectFolder
 from ...quality.bench.settings import BenchSettings
 from .scene_options import add_camera_options, add_device_option, add_no_objects_option, describe_presets
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "bench"
 HELP = "Train presets on one scene and compare their error against run time; finished runs are kept."
@@ -45,10 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N,N",
         help="train each preset once with each of these seeds (default: %(default)s)",
     )
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: each preset is a project of its own, and there is no common log."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

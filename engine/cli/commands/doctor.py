@@ -8,7 +8,7 @@ from dataclasses import asdict
 from ...core.events import Emit, Finished, StopCheck
 from ..doctor import examine
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "doctor"
 HELP = "Check what this machine has and lacks for the engine."
@@ -17,10 +17,6 @@ EXAMPLE = "python -m engine doctor"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add no arguments."""
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: there is no project and no log."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -13,11 +13,12 @@ from ...project.folder import ProjectFolder
 
 Number = TypeVar("Number", int, float)
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
 
 NAME = "edit"
 HELP = "Set which Gaussians an object has, rename or merge objects, or delete them; what is replaced goes to the trash."
 EXAMPLE = "python -m engine edit scene --merge vase=lid --rename vase=Vase"
+LOG_IN = "project"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,18 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--delete", action="append", default=[], metavar="ID", help="move an object to the trash")
 
 
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
-
-
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Store the edits."""
     import numpy as np
 
-    from ...objects import load_membership, load_object
-    from ...project.objects import object_states
+    from ...project.objects import load_membership, load_object, object_states
     from .stored_edits import read_membership, store_edits
 
     if not any((options.set, options.merge, options.threshold, options.level, options.rename, options.delete)):

@@ -14,7 +14,7 @@ from ...project.folder import ProjectFolder
 from .chosen_models import add_sam_argument, model_factories
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "evaluate"
 HELP = "Isolate the objects of a ground truth with several methods and compare them; the project is only read."
@@ -61,10 +61,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--results", type=Path, metavar="FILE.json", help="also write every figure into this file, as JSON"
     )
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: the project is only read and gets no log."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -15,11 +15,12 @@ from ...project.folder import ProjectFolder
 if TYPE_CHECKING:
     from ...scene import ExportFrame
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "export"
 HELP = "Write the scene or one object as a file of Gaussians for other programs, or as a page."
 EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
+LOG_IN = "project"
 USES_CAMERAS = True
 FAR = ("leave-out", "keep", "second-file")
 """What becomes of far Gaussians of a scene."""
@@ -73,12 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or estimated poses; world: the frame of cameras/cameras.json, Z up in PLY, too (default: original where poses "
         "were given and nothing was measured, otherwise upright)",
     )
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

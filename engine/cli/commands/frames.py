@@ -10,7 +10,7 @@ from ...core.errors import PhotoError
 from ...core.events import Emit, Finished, StageStarted, StopCheck
 from ...photos.settings import VideoSettings
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "frames"
 HELP = "Write the sharpest frames of a video as photos, evenly by the motion of the camera."
@@ -32,10 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="this many times as many photos as by --max and the motion, 0.25 to 8; neighbouring ones then share more "
         "(default: %(default)s)",
     )
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: no project is changed."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

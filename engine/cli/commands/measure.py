@@ -17,11 +17,12 @@ from .named_photos import known_photo
 if TYPE_CHECKING:
     from ...scene import Measurement, Point
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
 
 NAME = "measure"
 HELP = "Give a scene its scale, ground, north and origin by points picked on photos, and measure distances."
 EXAMPLE = "python -m engine measure scene --distance IMG_1.jpg=364,500 IMG_1.jpg=364,700 0.42"
+LOG_IN = "project"
 
 _WORLD = "xyz"
 """Takes the place of a photo's name in a position in the normalised world."""
@@ -50,12 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--remove", type=int, action="append", default=[], metavar="N", help="remove distance N of the printed list"
     )
     parser.add_argument("--clear", action="store_true", help="first remove all that was measured")
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

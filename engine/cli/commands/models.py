@@ -12,7 +12,7 @@ from ...core.events import Emit, Finished, StopCheck, part_of
 if TYPE_CHECKING:
     from ...install.models import ModelFile
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "models"
 HELP = "List, fetch or verify the weight files the engine uses."
@@ -33,10 +33,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="fetch: copy the files from FOLDER, downloaded on another computer, without using the network (default: "
         "all model files in FOLDER); downloads use the proxies in HTTPS_PROXY and NO_PROXY",
     )
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: this command has no project and therefore no log."""
 
 
 def _select_models(options: argparse.Namespace) -> list[ModelFile]:

@@ -11,11 +11,12 @@ from ...core.events import Emit, Finished, Progress, StopCheck, Warned
 from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "package"
 HELP = "Write each object, or the whole scene, as a package to keep: files, records, pictures and checksums."
 EXAMPLE = "python -m engine package scene --object vase --out packages"
+LOG_IN = "project"
 USES_CAMERAS = True
 _ADDRESS = re.compile(r"https?://[^\s<>\"{}|\\^`]+/")
 
@@ -42,17 +43,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_device_option(parser, "render the pictures")
 
 
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
-
-
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write the packages."""
     from ...delivery.packages import is_viewer_built, write_package
     from ...delivery.records import EXAMPLE_ADDRESS
-    from ...objects import list_objects, load_object
+    from ...project.objects import list_objects, load_object
     from ...rasterizer import Device, choose_objects_device, device_words, run_on
 
     address = options.address or EXAMPLE_ADDRESS

@@ -29,7 +29,7 @@ from .scene_options import (
     add_size_options,
 )
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "plan"
 HELP = "Show what a reconstruction would do and omit, and how much time and memory it needs, before any work."
@@ -49,10 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--every-preset", action="store_true", help="only how long each preset would take, with the time of each stage"
     )
     parser.add_argument("--json", action="store_true", help="print the plan as JSON instead of text")
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: there is no project and no log."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -27,11 +27,12 @@ from .scene_options import (
     prompts_of,
 )
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "reconstruct"
 HELP = "Rebuild a scene from a folder of photos; continues where an earlier run stopped."
 EXAMPLE = 'python -m engine reconstruct photos --out scene --prompts "vase, teapot"'
+LOG_IN = "out"
 USES_CAMERAS = True
 
 
@@ -69,12 +70,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "clicks, paper: that with the changes of Gaussian Heritage's code; both take a minute or more per photo, while "
         "the plan forecasts the time of the default (default: %(default)s)",
     )
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the folder of the log."""
-    out: Path = options.out
-    return out
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

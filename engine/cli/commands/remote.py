@@ -9,7 +9,7 @@ from ...core.errors import EnvironmentProblem, SettingsError
 from ...core.events import Emit, StopCheck
 from . import frames, reconstruct, segment
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "remote"
 HELP = "Run reconstruct, segment or frames on the workers of a Dask cluster that share the folders."
@@ -23,10 +23,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("words", nargs="+", metavar="COMMAND ...", help="after --: the command, with absolute paths")
 
 
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: the engine on the worker writes the log."""
-
-
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Run the command, and return 0 when it has succeeded."""
     name, *words = options.words
@@ -35,7 +31,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     parser = argparse.ArgumentParser(prog=f"python -m engine {name}")
     _COMMANDS[name].add_arguments(parser)
     parsed = parser.parse_args(words)
-    project: Path = _COMMANDS[name].project_folder(parsed) or parsed.out
+    project: Path = getattr(parsed, getattr(_COMMANDS[name], "LOG_IN", "out"))
     try:
         from ...workers.batch import BatchSettings, run_remote_job
     except ModuleNotFoundError as error:

@@ -11,8 +11,8 @@ import numpy as np
 
 from ...core.errors import CameraError, Cancelled, SettingsError
 from ...core.events import Emit, Finished, Progress, StopCheck
-from ...objects import load_membership, load_object, object_gaussians
 from ...project.folder import ProjectFolder
+from ...project.objects import load_membership, load_object, object_gaussians
 from ...scene import Camera, CameraSet, PinholeCamera, read_camera_set
 from .named_photos import known_photo
 
@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from ...rasterizer import Device
     from ...scene import Gaussians
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "render"
 HELP = "Render the scene or an object, in the pixels of the original photo after EXIF rotation."
 EXAMPLE = "python -m engine render scene --view IMG_3023.jpg --what rgb --out view.png"
+LOG_IN = "project"
 USES_CAMERAS = True
 
 
@@ -57,12 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, help="PNG to write; a folder for several pictures")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

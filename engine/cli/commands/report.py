@@ -9,11 +9,12 @@ from ...core.events import Emit, Finished, StopCheck
 from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
 
 NAME = "report"
 HELP = "Write the report of a scene: error against run time, stage times, objects, what was left out."
 EXAMPLE = "python -m engine report scene"
+LOG_IN = "project"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,12 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
     parser.add_argument("--title", help="title of the report (default: the name of the photo folder)")
     add_device_option(parser, "render the pictures")
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

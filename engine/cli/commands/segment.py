@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ...core.errors import PromptError, SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...core.words import split_texts
-from ...objects import object_ids, parse_point, parse_prompt
+from ...objects import parse_point, parse_prompt
 from ...objects.settings import DEFAULT_PRESET, PRESETS
 from ...project.folder import ProjectFolder
+from ...project.objects import object_ids
 from ...rasterizer import PROCESSOR, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
 from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos
@@ -22,11 +23,12 @@ if TYPE_CHECKING:
     from ...objects import Segmenter
     from ...scene import Camera, PinholeCamera
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "segment"
 HELP = "Isolate objects of a trained scene by text, click, box or mask; correct an object; or find all objects."
 EXAMPLE = "python -m engine segment scene --click IMG_3023.jpg=364,500 --not IMG_3023.jpg=364,700 --name statue"
+LOG_IN = "project"
 USES_CAMERAS = True
 
 
@@ -71,12 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_sam_argument(parser)
     add_device_option(parser, "render views and count votes")
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the folder of the log."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

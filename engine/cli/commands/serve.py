@@ -14,7 +14,7 @@ from .scene_options import add_device_option
 if TYPE_CHECKING:
     from ...serve import Accounts
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "serve"
 HELP = "Serve the web page: photos are uploaded in a browser, reconstructed here, and leave as objects."
@@ -63,10 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--check", action="store_true", help="say whether the server on this port answers")
     parser.add_argument("--add-user", metavar="NAME", help="add a user, or give a user a new token; prints it once")
     parser.add_argument("--remove-user", metavar="NAME", help="remove a user; the user's projects stay")
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: the server has no project of its own."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -14,7 +14,7 @@ from ...project.folder import ProjectFolder
 from ...workers.jobs import Click, pack_mask, read_question
 from .chosen_models import add_sam_argument
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "show-clicks"
 HELP = "Say what clicks on photos mean, as masks: questions are lines of JSON on standard input, for programs."
@@ -27,16 +27,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_sam_argument(parser)
 
 
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: nothing is done that a log should tell."""
-
-
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Answer questions until standard input ends."""
     from ...masks import load_sam
-    from ...objects import Point, click_masks, load_context, load_membership, load_object
+    from ...objects import Point, click_masks, load_context
     from ...objects.grounding import load_default_detector
     from ...objects.settings import BETTER
+    from ...project.objects import load_membership, load_object
 
     project = ProjectFolder.open_existing(options.project)
     sam = functools.partial(load_sam, options.sam)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...core.events import Emit, Finished, StopCheck
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "stability"
 HELP = "Compare rasterizer, loss and optimiser with float64, and train, in stiff and extreme cases."
@@ -18,10 +18,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
     parser.add_argument("--out", type=Path, metavar="FILE.md", help="also write the table there")
     parser.add_argument("--case", metavar="NAME", help="run only this case")
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return nothing: this command has no project and no log."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

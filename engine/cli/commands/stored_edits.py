@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ...core.arrays import Float32
 from ...core.errors import ObjectError
 from ...core.files import ArraySpec, read_array
-from ...objects import load_levels, load_membership, save_object
 from ...objects.settings import DEFAULT_THRESHOLD
 from ...project.folder import ProjectFolder
 from ...project.objects import (
@@ -21,10 +20,13 @@ from ...project.objects import (
     delete_object,
     keep_version,
     list_objects,
+    load_levels,
+    load_membership,
     load_object,
     new_id,
     object_ids,
     rename_object,
+    save_object,
     taken_ids,
 )
 from ...scene import Polished, load_polished

@@ -10,11 +10,12 @@ from ...core.errors import SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...project.folder import ProjectFolder
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
 
 NAME = "trash"
 HELP = "List the objects that were deleted or replaced, restore one, or delete them for good."
 EXAMPLE = "python -m engine trash restore scene vase"
+LOG_IN = "project"
 
 _MAX_DAYS = 36_500
 
@@ -29,12 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--older-than", type=float, metavar="DAYS", help="empty: only what was deleted more than DAYS days ago"
     )
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the folder of the log."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -10,11 +10,12 @@ from ...core.events import Emit, Finished, StopCheck
 from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "turntable"
 HELP = "Write a contact sheet (PNG) and a film (WebM and MP4) of an object that turns, or of the scene's photo places."
 EXAMPLE = "python -m engine turntable scene --object vase --out vase_pictures"
+LOG_IN = "project"
 USES_CAMERAS = True
 
 
@@ -25,12 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for the files")
     parser.add_argument("--overwrite", action="store_true", help="replace files that exist")
     add_device_option(parser, "render the pictures")
-
-
-def project_folder(options: argparse.Namespace) -> Path:
-    """Return the project whose log is written."""
-    path: Path = options.project
-    return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

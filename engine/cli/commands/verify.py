@@ -8,7 +8,7 @@ from pathlib import Path
 from ...core.errors import FormatError
 from ...core.events import Emit, Finished, StopCheck, Warned
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "verify"
 HELP = "Compare the files of a package (BagIt, a folder or a zip file) with their checksums, and say what changed."
@@ -20,10 +20,6 @@ _MAX_NAMED = 100
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("package", type=Path, help="folder or zip file made by `package`, or any other BagIt package")
-
-
-def project_folder(options: argparse.Namespace) -> None:
-    """Return None: the command belongs to no project."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     )
     from .reading import mapped, opened, parse_json, read_bytes, read_json, read_text
     from .recorded import FILE_RECORD, FileRecord, is_as_recorded, record_of
+    from .remembered import read_after_change, stamp_of
     from .replacing import finish_replacements, replace_together
     from .schema import Schema, check, optional
     from .stored_package import StoredPackage, opened_package, write_zip
@@ -54,6 +55,7 @@ __all__ = [
     "parse_json",
     "path_within",
     "problem_of_inner_name",
+    "read_after_change",
     "read_array",
     "read_arrays",
     "read_bytes",
@@ -64,6 +66,7 @@ __all__ = [
     "record_of",
     "replace_together",
     "require_no_links_out",
+    "stamp_of",
     "write_json",
     "write_problem",
     "write_zip",

@@ -42,9 +42,7 @@ def keep_arrays(path: Path, recipe: str, arrays: Mapping[str, NDArray[Any]]) -> 
         _LOG.info("%s is not kept: %s", path.name, error)
 
 
-def read_kept_arrays(
-    path: Path, recipe: str, specs: Mapping[str, ArraySpec], *, optional: Mapping[str, ArraySpec] | None = None
-) -> dict[str, NDArray[Any]] | None:
+def read_kept_arrays(path: Path, recipe: str, specs: Mapping[str, ArraySpec]) -> dict[str, NDArray[Any]] | None:
     """Return the arrays of `path`; None when it is missing, damaged or was made from another `recipe`.
 
     Parameters
@@ -52,11 +50,11 @@ def read_kept_arrays(
     path : Path
     recipe : str
         See `keep_arrays`.
-    specs, optional : mapping of str to ArraySpec
+    specs : mapping of str to ArraySpec
         What the arrays must be, see `read_arrays`.
     """
     try:
-        arrays = read_arrays(path, {_HEADER: _TEXT, **specs}, optional=optional, advice=_ADVICE)
+        arrays = read_arrays(path, {_HEADER: _TEXT, **specs}, advice=_ADVICE)
         header = parse_json(str(arrays.pop(_HEADER)), {"recipe": str}, source=str(path), advice=_ADVICE)
     except FormatError:
         return None

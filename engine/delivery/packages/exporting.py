@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from ...core.errors import SettingsError
 from ...core.events import StopCheck
 from ...formats import FileFacts, Up, WritingTools, format_of, write_scene
-from ...objects import list_objects, load_membership, load_object, object_gaussians
 from ...pictures import encode_picture
 from ...project.folder import ProjectFolder
+from ...project.objects import list_objects, load_membership, load_object, object_gaussians
 from ...scene import (
     Camera,
     CameraSet,

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ...cameras import training_pinhole
 from ...core.errors import FormatError, ObjectError, PhotoError
 from ...core.files import atomic_write, delete_derived, finite_or_null, write_json
-from ...objects import list_objects, load_membership, object_gaussians
 from ...pictures import Backend, Scene, write_png
 from ...project.folder import ProjectFolder
+from ...project.objects import list_objects, load_membership, object_gaussians
 from ...scene import Camera, Gaussians
 from ...training import Coverage, Parameters
 from .facts import collect_facts

@@ -7,8 +7,8 @@ from typing import Any
 from ...core.errors import FormatError
 from ...core.files import Schema, check, optional
 from ...core.settings import to_dict
-from ...objects import list_objects
 from ...project.folder import PROJECT_FILE, ProjectFolder
+from ...project.objects import list_objects
 from ..records import describe_scene, scene_title
 
 __all__ = ["REPORT_VERSION", "STAGES", "collect_facts"]

@@ -14,10 +14,11 @@ from pathlib import Path, PurePath
 from typing import TypeVar
 
 from ...core.certificates import untrusted_certificate
+from ...core.engine_process import engine_command, engine_environment
 from ...core.errors import EnvironmentProblem
 from ...core.events import Emit, ErrorEvent, Event, Finished, Progress, StageStarted, StopCheck, Warned, from_json_line
 from ...core.files import delete_derived
-from ...core.system import CODE_ROOT, library_folder, missing_runtime, python_advice, run_text, takes_path, unsupported
+from ...core.system import library_folder, missing_runtime, python_advice, run_text, takes_path, unsupported
 from .bundle import Bundle
 from .contents import DISK_GB
 from .environment import FOLDER_VARIABLE, EngineEnvironment
@@ -329,11 +330,11 @@ def _fetch_models(run: _Run) -> None:
             problem = event.message
 
     source = [] if run.models is None else ["--from", run.models]
-    command = [run.environment.python, "-m", "engine", "models", "fetch", *source, "--events"]
+    command = engine_command("models", "fetch", *source, "--events", python=run.environment.python)
     try:
         run_logged(
             command, run.environment.log, "the model files could not be fetched", on_line=read,
-            should_stop=run.should_stop, variables={"PYTHONPATH": str(CODE_ROOT), "PYTHONSAFEPATH": "1"},
+            should_stop=run.should_stop, variables=engine_environment(other_python=True),
         )  # fmt: skip
     except EnvironmentProblem as error:
         raise EnvironmentProblem(problem) if problem else error from error

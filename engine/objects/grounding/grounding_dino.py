@@ -183,28 +183,11 @@ class GroundingDino:
         *,
         masks: Sequence[Mask] | None = None,
     ) -> list[float]:
-        """Return how well each box, or the box around each mask, matches `prompt`, 0 to 1.
+        """Return how well each box, or the box around each mask, matches `prompt`; see `Detector.score_crops`.
 
-        Parameters
-        ----------
-        pixels : array of shape [H, W, 3], uint8, sRGB
-        boxes : array-like of shape [n, 4]
-            x0, y0, x1, y1 in pixels.
-        prompt : str
-        masks : sequence of n bool arrays of shape [H, W], or None
-            Mask of the object in each box. Only its bounding box is used, since the model was trained on whole
-            pictures, not on masked objects.
-
-        Returns
-        -------
-        list of n float
-            The model is run on a crop around each box, enlarged by a fifth on each side. The score is the best score of
-            a predicted box that overlaps the given box with an IoU of at least 0.5, or 0 if there is none.
-
-        Raises
-        ------
-        PromptError
-            When the prompt is empty or too long.
+        Of a mask only the bounding box is used, since the model was trained on whole pictures, not on masked objects.
+        The model is run on a crop around each box, enlarged by a fifth on each side. The score is the best score of a
+        predicted box that overlaps the given box with an IoU of at least 0.5, or 0 if there is none.
         """
         corners = np.asarray(boxes, np.float64).reshape(-1, 4)
         if masks is not None:

@@ -125,27 +125,10 @@ class OfflineVocabulary:
         *,
         masks: Sequence[Mask] | None = None,
     ) -> list[float]:
-        """Return how well each box, or each mask if given, matches `prompt`.
+        """Return how well each box, or each mask if given, matches `prompt`; see `Detector.score_crops`.
 
-        Parameters
-        ----------
-        pixels : array of shape [H, W, 3], uint8, sRGB
-        boxes : array-like of shape [n, 4]
-            x0, y0, x1, y1 in pixels.
-        prompt : str
-        masks : sequence of n bool arrays of shape [H, W], or None
-            Mask of the object in each box; the score is the mean of that with its surroundings replaced with white and
-            of that with its surroundings dimmed.
-
-        Returns
-        -------
-        list of n float
-            0 to 1, as in `Detection.score`.
-
-        Raises
-        ------
-        PromptError
-            When the prompt is empty or not known.
+        The score of a mask is the mean of that with its surroundings replaced with white and of that with its
+        surroundings dimmed.
         """
         corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
         if masks is not None and len(masks) != len(corners):

@@ -15,7 +15,7 @@ from ...project.folder import stage_key
 from .detector import PromptCheck
 from .sentences import SentenceEncoder
 
-__all__ = ["N_CLASSES", "Vocabulary", "read_class_words"]
+__all__ = ["N_CLASSES", "Vocabulary"]
 
 N_CLASSES = 1000
 # Smallest similarity of a known prompt; calibrated, see docs/design_notes/grounding.md.
@@ -25,11 +25,6 @@ _SIMILARITY_SPREAD = 0.08  # chosen on prompt_words
 # Smallest similarity of a word that is suggested for an unknown prompt; see docs/design_notes/grounding.md.
 _MIN_SUGGESTED = 0.55  # chosen on prompt_words
 _MAX_NAMED = 5
-
-
-def read_class_words() -> list[tuple[str, ...]]:
-    """Return the words of each class, in the order of the classifier's outputs; the usual word of a class is first."""
-    return [entry.words for entry in word_list().classes]
 
 
 class Vocabulary:

@@ -20,6 +20,17 @@ from .object_record import (
     write_record,
 )
 from .state_digest import UNREADABLE, object_states, state_of
+from .storage import (
+    forget_unreadable_record,
+    is_object_intact,
+    load_level,
+    load_levels,
+    load_membership,
+    membership_in,
+    object_gaussians,
+    require_intact,
+    save_object,
+)
 from .stored_objects import list_objects, load_object, object_ids, taken_ids
 from .trash import bring_back, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
 
@@ -38,19 +49,28 @@ __all__ = [
     "delete_object",
     "discard_object",
     "empty_trash",
+    "forget_unreadable_record",
+    "is_object_intact",
     "keep_version",
     "list_objects",
     "list_trash",
+    "load_level",
+    "load_levels",
+    "load_membership",
     "load_object",
     "load_record",
+    "membership_in",
     "new_id",
     "new_name",
+    "object_gaussians",
     "object_ids",
     "object_states",
     "read_record",
     "recorded_files",
     "rename_object",
+    "require_intact",
     "restore_object",
+    "save_object",
     "save_record",
     "state_of",
     "taken_ids",

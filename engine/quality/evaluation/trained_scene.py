@@ -7,7 +7,9 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core.arrays import Mask
 from ...core.errors import PromptError, SettingsError
@@ -39,7 +41,6 @@ from ...scene import CameraSet
 from ...training import load_gaussians
 from .comparison import resized
 from .ground_truth import GroundTruth
-from .segment_agreement import innermost_pixel
 from .settings import Method, PromptKind
 
 __all__ = ["Answer", "Question", "TrainedScene"]
@@ -215,3 +216,11 @@ class TrainedScene:
             return ClickPrompt(photo, x, y)
         write_png(self._prompt_file, np.where(mask, np.uint8(255), np.uint8(0)))
         return MaskPrompt(photo, self._prompt_file)
+
+
+def innermost_pixel(segment: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return row and column of the pixel of `segment` farthest from its border and that of the picture."""
+    framed = np.pad(segment.astype(np.uint8), 1)
+    distance = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    y, x = np.unravel_index(int(np.argmax(distance)), segment.shape)
+    return int(y), int(x)

@@ -13,9 +13,17 @@ from pydantic import BaseModel, Field
 
 from ...core.files import object_file
 from ...formats import format_of
-from ...project.content import ProjectObject, list_objects, load_membership
+from ...project.content import ProjectObject, list_objects
 from ...project.folder import ProjectFolder
-from ...project.objects import RECORD_FILE, delete_object, load_record, read_record, rename_object, save_record
+from ...project.objects import (
+    RECORD_FILE,
+    delete_object,
+    load_membership,
+    load_record,
+    read_record,
+    rename_object,
+    save_record,
+)
 from ..access import CurrentProject, server_of
 from ..conditional import file_answer
 from ..contents import describe_object

@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from ...core.engine_process import engine_command, engine_environment, events_in
 from ...core.errors import DiskError
-from ...core.events import Event, Metric, StageFinished, from_json_line, to_json_line
+from ...core.events import Event, Metric, StageFinished, to_json_line
 from ...core.system import (
-    CODE_ROOT,
     STOP_VARIABLE,
     cpu_seconds,
     end_children_with_this_process,
@@ -44,7 +44,6 @@ CORES_VARIABLE = "GAUSSIAN_HERITAGE_CORES"
 _MODULE = f"{__package__}.engine_process"
 _CPU_SECONDS = "process_cpu_seconds"
 _STOP = "stop"
-_MAX_LINE = 1 << 20
 _KEPT_ERRORS = 4096
 
 
@@ -87,16 +86,14 @@ class EngineProcess:
         DiskError
             When it cannot be started.
         """
-        paths = [str(CODE_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
         folder = tempfile.TemporaryDirectory(prefix="gaussian-heritage-")
         try:
             process = subprocess.Popen(
-                # -P: a file in the current folder must not pass for a module of ours.
-                [sys.executable, "-P", "-m", _MODULE, *arguments, "--events"],
+                engine_command(*arguments, "--events", module=_MODULE),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), STOP_VARIABLE: str(Path(folder.name, _STOP))},
+                env={**engine_environment(), STOP_VARIABLE: str(Path(folder.name, _STOP))},
                 **own_group(),
             )
         except OSError as error:
@@ -145,10 +142,7 @@ class EngineProcess:
 
     def _read_events(self, stream: IO[bytes], on_event: Callable[[Event], None]) -> None:
         with stream:
-            while line := stream.readline(_MAX_LINE):
-                event = from_json_line(line.decode("utf-8", "replace"))
-                if event is None:
-                    continue
+            for event in events_in(stream):
                 self.state.update(event)
                 if isinstance(event, StageFinished):
                     (self.kept if event.reused else self.computed).append(event.stage)

@@ -21,6 +21,7 @@ import numpy as np
 
 from ...core import events
 from ...core.arrays import Mask
+from ...core.engine_process import events_in
 from ...core.files import check, parse_json
 from ...core.system import no_window
 from .prompt_arguments import Click
@@ -96,9 +97,9 @@ class ClickPreview:
         self._waiting: str | None = None
         self._is_asked = self._is_closed = False
         try:
-            self._process: subprocess.Popen[str] | None = subprocess.Popen(
+            self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
                 list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                env=dict(environment), text=True, encoding="utf-8", errors="replace", **no_window(),
+                env=dict(environment), **no_window(),
             )  # fmt: skip
         except OSError as error:
             self._process = None
@@ -145,15 +146,14 @@ class ClickPreview:
         assert self._process.stdin is not None
         question, self._waiting = self._waiting, None
         with contextlib.suppress(OSError):  # It has ended, which `_read` reports.
-            self._process.stdin.write(f"{question}\n")
+            self._process.stdin.write(f"{question}\n".encode())
             self._process.stdin.flush()
             self._is_asked = True
 
-    def _read(self, lines: IO[str]) -> None:
+    def _read(self, stream: IO[bytes]) -> None:
         has_error = False
-        with lines:
-            for line in lines:
-                event = events.from_json_line(line)
+        with stream:
+            for event in events_in(stream):
                 if isinstance(event, events.Finished):
                     self._answers.put(_answer(event.outputs))
                 elif isinstance(event, events.ErrorEvent):
@@ -184,7 +184,7 @@ def _unpacked(packed: Mapping[str, Any]) -> Mask:
     return np.unpackbits(bits, count=count).reshape(height, width).astype(bool)
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _end(process: subprocess.Popen[bytes]) -> None:
     with contextlib.suppress(OSError):
         if process.stdin is not None:
             process.stdin.close()

@@ -8,6 +8,7 @@ stop. It writes to files instead of pipes and runs in a group of its own, so tha
 from __future__ import annotations
 
 import contextlib
+import io
 import logging
 import os
 import subprocess
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import events
+from ...core.engine_process import events_in
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ProjectError
 from ...core.files import atomic_write, delete_derived, opened, optional, path_within, read_json, write_json
 from ...core.system import (
@@ -338,10 +340,8 @@ class Job:
             all_read = not complete and len(data) < _MAX_READ
         else:
             complete = data.rfind(b"\n") + 1
-            for line in data[:complete].split(b"\n"):
-                event = events.from_json_line(line.decode("utf-8", "replace"))
-                if event is not None:
-                    self._state.update(event)
+            for event in events_in(io.BytesIO(data[:complete])):
+                self._state.update(event)
             self._skips_line = not complete and len(data) == _MAX_READ
             all_read = len(data) < _MAX_READ
         self._offset += len(data) if self._skips_line else complete

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from pathlib import Path
 
 from ...core.errors import HeritageError
+from ...core.files import read_after_change
 from ...project.folder import PROJECT_FILE, ProjectFolder
 from .job import JobState
 
@@ -18,11 +18,7 @@ def seconds_left_in_all(project: Path, state: JobState) -> float | None:
 
     The stage at work states its own time; where it does not, and for the stages to come, the forecast counts.
     """
-    try:
-        changed = (project / PROJECT_FILE).stat().st_mtime_ns
-    except (OSError, ValueError):  # ValueError: a null character in the path
-        return None
-    forecast = dict(_read(project, changed))
+    forecast = dict(_forecast(project))
     if state.stage not in forecast:
         return None
     expected = list(forecast.values())[list(forecast).index(state.stage) :]
@@ -30,9 +26,8 @@ def seconds_left_in_all(project: Path, state: JobState) -> float | None:
     return now + sum(expected[1:])
 
 
-# Cached, because Blender's panel calls this at each redraw, and the server for each event.
-@functools.lru_cache(maxsize=4)
-def _read(project: Path, changed: int) -> tuple[tuple[str, float], ...]:
+@read_after_change(PROJECT_FILE)
+def _forecast(project: Path) -> tuple[tuple[str, float], ...]:
     """Return the forecast seconds of each stage, in order; nothing when they cannot be read."""
     try:
         forecast = ProjectFolder.open_existing(project).get("forecast")

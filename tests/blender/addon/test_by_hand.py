@@ -262,12 +262,12 @@ def test_edits_are_stored_in_the_project_by_the_engine(balls: Any, part: Part, i
         assert bpy.ops.heritage.store_edits() == {"FINISHED"}
     finally:
         preferences.engine_python = ""
-    content = part("engine.project.content")
+    content, objects = part("engine.project.content"), part("engine.project.objects")
     names = {item.id: item.name for item in content.list_objects(balls.folder)}
     assert names == {"left": "Left", "vase": "Vase", "fenster-öst": "Fenster öst"}
-    stored = content.load_membership(balls.folder, "left", 600)
+    stored = objects.load_membership(balls.folder, "left", 600)
     assert np.array_equal(stored >= 0.5, balls.label < 2)
-    assert (content.load_membership(balls.folder, "vase", 600) >= 0.5).sum() == 350
+    assert (objects.load_membership(balls.folder, "vase", 600) >= 0.5).sum() == 350
     assert not any(obj.heritage.is_edited for obj in bpy.data.objects) and not bpy.context.scene.heritage.deleted
     assert rows_of(part, "Fenster öst") == set(range(200, 250))
 

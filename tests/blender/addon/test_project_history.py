@@ -71,10 +71,10 @@ def in_blender(part: Part) -> Shown:
 
 def in_project(part: Part, folder: Path) -> Shown:
     """Return what the project has: the record and the stored memberships agree."""
-    content, found = part("engine.project.content"), {}
+    content, objects, found = part("engine.project.content"), part("engine.project.objects"), {}
     for item in content.list_objects(folder):
-        content.require_intact(folder, item.id)
-        members = content.load_membership(folder, item.id, 100) >= np.float32(item.threshold)
+        objects.require_intact(folder, item.id)
+        members = objects.load_membership(folder, item.id, 100) >= np.float32(item.threshold)
         assert members.sum() == item.n_gaussians, item
         found[item.name] = item.n_gaussians
     return found

@@ -12,9 +12,8 @@ from engine.objects.context import SegmentationContext
 from engine.objects.lifting import FoundObject
 from engine.objects.segment import find_everything
 from engine.objects.settings import BETTER
-from engine.objects.storage import list_objects, load_membership, save_object
 from engine.project.folder import ProjectFolder
-from engine.project.objects import ObjectRecord
+from engine.project.objects import ObjectRecord, list_objects, load_membership, save_object
 from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene

@@ -12,10 +12,9 @@ from engine.core.errors import Cancelled, FormatError, ObjectError
 from engine.core.events import never_stop
 from engine.objects.polishing import polish
 from engine.objects.settings import BETTER
-from engine.objects.storage import object_gaussians, save_object
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
-from engine.project.objects import ObjectRecord
+from engine.project.objects import ObjectRecord, object_gaussians, save_object
 from engine.scene.gaussians import Gaussians
 from engine.scene.polished import Polished, load_polished
 from tests.engine.pictures.blob_scene import RED, BlobScene, as_pinhole, make_scene

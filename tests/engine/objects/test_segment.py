@@ -16,11 +16,11 @@ from engine.objects.photos import Photos
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
 from engine.objects.segment import NoMatchError, find_objects
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
-from engine.objects.storage import list_objects, load_membership
 from engine.objects.views import Views
 from engine.objects.votes import MaskEvidence, Votes, count_votes
 from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
+from engine.project.objects import list_objects, load_membership
 from engine.scene.camera import PinholeCamera
 from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project

@@ -17,9 +17,17 @@ from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.grounding.detector import PromptCheck
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt
 from engine.objects.settings import BETTER
-from engine.objects.storage import list_objects, load_levels, load_membership, load_object, save_object
 from engine.project.folder import ProjectFolder
-from engine.project.objects import delete_object, list_trash, restore_object
+from engine.project.objects import (
+    delete_object,
+    list_objects,
+    list_trash,
+    load_levels,
+    load_membership,
+    load_object,
+    restore_object,
+    save_object,
+)
 from engine.scene.polished import load_polished
 from engine.training.scene_files import save_gaussians
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
@@ -262,8 +270,7 @@ def test_correction_that_would_leave_nothing_keeps_the_object(blobs: BlobScene, 
 
 
 def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
-    from engine.objects.storage import save_object
-    from engine.project.objects import ObjectRecord
+    from engine.project.objects import ObjectRecord, save_object
 
     small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)
     counts = tuple({"n_gaussians": int(one.sum())} for one in (small, large))

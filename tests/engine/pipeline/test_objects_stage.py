@@ -12,11 +12,10 @@ import pytest
 from engine.core.errors import EnvironmentProblem
 from engine.core.events import Event, StageFinished, Warned, never_stop
 from engine.objects.settings import BETTER
-from engine.objects.storage import list_objects, load_membership
 from engine.pipeline.objects_stage import objects_stage
 from engine.pipeline.runner import StageRunner
 from engine.project.folder import ProjectFolder
-from engine.project.objects import ObjectRecord, delete_object, list_trash
+from engine.project.objects import ObjectRecord, delete_object, list_objects, list_trash, load_membership
 from engine.rasterizer import Device
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BlobScene
@@ -107,7 +106,7 @@ def test_deleted_object_is_not_isolated_again_with_a_damaged_one(project: Projec
 
 
 def test_renamed_or_corrected_object_is_not_damaged(project: ProjectFolder, run: Run) -> None:
-    from engine.objects.storage import save_object
+    from engine.project.objects import save_object
 
     rename(project, "blue-ball", "Plum")
     record = next(record for record in list_objects(project.path) if record.id == "red-ball")

@@ -18,13 +18,12 @@ from engine.cli.main import main
 from engine.core.errors import Cancelled, ObjectError, ProjectError
 from engine.core.events import Event, Metric, Progress, StageFinished, Warned, ignore_events, never_stop
 from engine.masks.storage import label_map_path, read_label_map
-from engine.objects.storage import list_objects, load_membership, save_object
 from engine.pipeline.planning.decisions import PlanSettings
 from engine.pipeline.reconstruct import PipelineSettings, reconstruct
 from engine.pipeline.stages import STAGES
 from engine.project import objects as records
 from engine.project.folder import ProjectFolder
-from engine.project.objects import ObjectRecord, list_trash, restore_object
+from engine.project.objects import ObjectRecord, list_objects, list_trash, load_membership, restore_object, save_object
 from engine.scene import CameraSet, PhotoSet
 from engine.training.settings import PRESETS
 from tests.conftest import PATIENCE, wait_until

@@ -15,8 +15,7 @@ import pytest
 
 from engine.core.errors import FormatError
 from engine.core.files import derived_name, is_inner_name, path_within
-from engine.objects.storage import list_objects, save_object
-from engine.project.objects import MuseumRecord, ObjectRecord, save_record
+from engine.project.objects import MuseumRecord, ObjectRecord, list_objects, save_object, save_record
 from tests.engine.command_line import call
 from tests.engine.finished_project import write_finished_project
 from tests.engine.install.models.weights import fetched

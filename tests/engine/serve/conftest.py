@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -18,9 +19,12 @@ import pytest
 from fastapi.testclient import TestClient
 from PIL import Image
 
+from engine.core.engine_process import engine_environment
 from engine.serve import ServeSettings, job_queue
 from engine.serve.app import create_app
 from tests.conftest import PATIENCE
+from tests.engine.objects.fakes import trained_project
+from tests.engine.pictures.blob_scene import BlobScene, make_scene
 
 API = "/api/v1"
 FAKE_ENGINE = """
@@ -140,7 +144,7 @@ def fake_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
         (folder / "__main__.py").write_text(FAKE_ENGINE + textwrap.dedent(end))
 
     make("say('finished', message='done', outputs={})")
-    monkeypatch.setattr(job_queue, "CODE_ROOT", folder.parent)
+    monkeypatch.setattr(job_queue, "engine_environment", lambda: engine_environment(root=folder.parent))
     return make
 
 
@@ -194,3 +198,18 @@ def start(page: Path, tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess
     for process in running:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture(scope="session")
+def scene() -> BlobScene:
+    return make_scene()
+
+
+@pytest.fixture
+def project(client: Client, scene: BlobScene) -> str:
+    """A project with a trained scene, without objects."""
+    project = client.new_project()
+    folder = client.folder(project)
+    shutil.rmtree(folder / "photos")
+    trained_project(scene, folder)
+    return project

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,26 +11,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.objects.storage import save_object
-from engine.project.objects import ObjectRecord
-from tests.engine.objects.fakes import trained_project
-from tests.engine.pictures.blob_scene import BLUE, BlobScene, make_scene
+from engine.pictures import encode_png
+from engine.project.objects import ObjectRecord, save_object
+from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 from .conftest import API, Client, jpeg
 
 
-@pytest.fixture(scope="module")
-def scene() -> BlobScene:
-    return make_scene()
-
-
 @pytest.fixture
-def project(client: Client, scene: BlobScene) -> str:
+def project(client: Client, project: str, scene: BlobScene) -> str:
     """A scene with the object ``ball``, which a photo shows in a square of 20 pixels."""
-    project = client.new_project()
     folder = client.folder(project)
-    shutil.rmtree(folder / "photos")
-    made = trained_project(scene, folder)
     members = np.asarray(scene.part) == BLUE
     photo = scene.cameras.cameras[0].photo
     record = ObjectRecord(
@@ -41,7 +31,7 @@ def project(client: Client, scene: BlobScene) -> str:
     with Image.open(folder / "photos" / photo) as opened:
         mask = np.zeros(opened.size[::-1], bool)
     mask[10:30, 20:40] = True
-    save_object(made.path, record, members.astype(np.float32), [("seed", mask)])
+    save_object(folder / "project", record, members.astype(np.float32), pictures={"seed.png": encode_png(mask)})
     return project
 
 

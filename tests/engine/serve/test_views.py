@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
-from tests.engine.objects.fakes import trained_project
-from tests.engine.pictures.blob_scene import BlobScene, make_scene
+from tests.engine.pictures.blob_scene import BlobScene
 
 from .conftest import API, Client
 
 PART = 1
-
-
-@pytest.fixture(scope="module")
-def scene() -> BlobScene:
-    return make_scene()
-
-
-@pytest.fixture
-def project(client: Client, scene: BlobScene) -> str:
-    project = client.new_project()
-    folder = client.folder(project)
-    shutil.rmtree(folder / "photos")
-    trained_project(scene, folder)
-    return project
 
 
 def test_cameras_look_at_the_middle_of_the_scene(client: Client, project: str, scene: BlobScene) -> None:

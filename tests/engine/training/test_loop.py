@@ -17,7 +17,6 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, DiskError, NumericalError, TrainingError
 from engine.core.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
-from engine.quality.evaluation.segment_agreement import segment_agreement, untrained_features
 from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run
 from engine.training.guards import clamp_parameters, step_finite_rows
@@ -28,6 +27,7 @@ from engine.training.settings import PRESETS, TrainingSettings
 from tests.conftest import wait_until
 
 from .conftest import Scene
+from .segment_agreement import segment_agreement, untrained_features
 
 QUICK = PRESETS["test"]
 LONGER = QUICK.changed(steps=400, curve_points=4)

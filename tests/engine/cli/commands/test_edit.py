@@ -8,9 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.objects import list_objects, load_membership, load_object, object_gaussians
-from engine.objects.storage import save_object
-from engine.project.objects import ObjectRecord, list_trash, object_states
+from engine.project.objects import (
+    ObjectRecord,
+    list_objects,
+    list_trash,
+    load_membership,
+    load_object,
+    object_gaussians,
+    object_states,
+    save_object,
+)
 from engine.scene import load_polished
 from engine.scene.polished import Polished
 from tests.engine.command_line import call

@@ -19,10 +19,9 @@ from engine.formats.glb import read_glb
 from engine.formats.ply import read_ply, read_ply_file
 from engine.formats.sog import read_sog
 from engine.formats.spz import read_spz
-from engine.objects.storage import save_object
 from engine.pictures import decode_picture
 from engine.project.folder import ProjectFolder
-from engine.project.objects import ObjectRecord
+from engine.project.objects import ObjectRecord, save_object
 from engine.scene import (
     MeasuredDistance,
     Measurement,

@@ -12,9 +12,8 @@ from PIL import Image
 
 from engine.cameras import covering_pinhole
 from engine.core.errors import EnvironmentProblem
-from engine.objects.storage import save_object
 from engine.pictures.render import render_view
-from engine.project.objects import ObjectRecord
+from engine.project.objects import ObjectRecord, save_object
 from engine.rasterizer import gpu as gpu_backend
 from engine.rasterizer.gpu import adapters, open_gpu, self_test
 from engine.scene import PinholeCamera

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.objects.storage import list_objects, load_membership
+from engine.project.objects import list_objects, load_membership
 from engine.rasterizer.gpu import Gpu
 from tests.engine.command_line import call
 from tests.engine.install.models.weights import fetched

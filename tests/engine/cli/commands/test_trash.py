@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from engine.objects.storage import list_objects
+from engine.project.objects import list_objects
 from tests.engine.command_line import call
 from tests.engine.finished_project import write_finished_project
 

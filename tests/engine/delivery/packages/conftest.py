@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 from engine.core.files import file_sha256
-from engine.objects.storage import save_object
 from engine.project.folder import ProjectFolder
-from engine.project.objects import MuseumRecord, ObjectRecord, save_record
+from engine.project.objects import MuseumRecord, ObjectRecord, save_object, save_record
 from engine.project.provenance import describe_run
 from engine.scene import Photo, PhotoSet, RejectedPhoto, write_photo_set
 from tests.engine.objects.fakes import trained_project

@@ -221,8 +221,7 @@ def test_address_that_is_none_and_object_without_gaussians_are_refused(
     assert "is no address" in call(capsys, *words, "--address", "museum").error
     import numpy as np
 
-    from engine.objects.storage import save_object
-    from engine.project.objects import ObjectRecord
+    from engine.project.objects import ObjectRecord, save_object
 
     other = make_project(blobs, tmp_path / "other")
     record = ObjectRecord("none", "None", {"kind": "click"}, 0.5, 1.0, 1.0, 0, len(blobs.part))

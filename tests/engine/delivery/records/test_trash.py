@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from engine.core.errors import DiskError, ObjectError
-from engine.objects.storage import list_objects, load_membership, save_object
 from engine.project.folder import ProjectFolder
 from engine.project.objects import (
     bring_back,
@@ -19,12 +18,15 @@ from engine.project.objects import (
     discard_object,
     empty_trash,
     keep_version,
+    list_objects,
     list_trash,
+    load_membership,
     object_states,
     rename_object,
     restore_object,
+    save_object,
 )
-from tests.engine.objects.test_storage import MEMBERSHIP, RECORD
+from tests.engine.project.test_objects import MEMBERSHIP, RECORD
 
 
 @pytest.fixture

@@ -14,10 +14,9 @@ from engine.delivery.report.build import build_report
 from engine.delivery.report.plots import compare_curves, error_curve
 from engine.delivery.report.views import best_seen_from, orbit_cameras
 from engine.masks.storage import label_map_path, write_label_map
-from engine.objects.storage import save_object
 from engine.pictures.scene import Scene
 from engine.project.folder import ProjectFolder
-from engine.project.objects import ObjectRecord
+from engine.project.objects import ObjectRecord, save_object
 from engine.project.provenance import describe_run
 from engine.scene import Photo, PhotoSet, write_photo_set
 from tests.engine.objects.fakes import trained_project

@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 
 from engine.core.errors import PromptError
+from engine.core.words import word_list
 from engine.objects.grounding.offline_vocabulary import OfflineVocabulary
 from engine.objects.grounding.sentences import SentenceEncoder
-from engine.objects.grounding.vocabulary import N_CLASSES, Vocabulary, read_class_words
+from engine.objects.grounding.vocabulary import N_CLASSES, Vocabulary
 
 
 def test_there_are_a_thousand_classes_in_the_classifiers_order() -> None:
-    words = read_class_words()
+    words = [entry.words for entry in word_list().classes]
     assert len(words) == N_CLASSES
     assert words[0][0] == "tench" and words[883] == ("vase",) and words[999][0] == "toilet tissue"
 

@@ -14,11 +14,11 @@ from engine.core.errors import Cancelled, MaskError, SettingsError
 from engine.core.events import Progress, Warned, never_stop
 from engine.objects.segment import find_objects
 from engine.objects.settings import BETTER, PAPER, PRESETS
-from engine.objects.storage import list_objects
 from engine.pictures import visible_masks
 from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
 from engine.project.folder import ProjectFolder
+from engine.project.objects import list_objects
 from engine.quality.evaluation.gaussian_truth import UNSEEN, gaussian_iou, gaussian_truth
 from engine.quality.evaluation.ground_truth import read_ground_truth
 from engine.quality.evaluation.results import mean_of

@@ -7,14 +7,14 @@ and `FormatError` when a file is damaged, or its folder is a link that leads out
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ..core.arrays import Float32, Mask, Pixels
-from ..core.errors import FormatError, HeritageError, ObjectError
-from ..core.files import (
+from ...core.arrays import Float32
+from ...core.errors import FormatError, HeritageError, ObjectError
+from ...core.files import (
     ArraySpec,
     atomic_write,
     delete_derived,
@@ -25,36 +25,29 @@ from ..core.files import (
     record_of,
     replace_together,
 )
-from ..pictures import write_png
-from ..project.objects import (
+from ...scene import Gaussians, Polished, load_polished, save_polished
+from .object_record import (
     COMPUTED_FILES,
     LEVELS_FILE,
     MEMBERSHIP_FILE,
     POLISHED_FILE,
     RECORD_FILE,
     ObjectRecord,
-    list_objects,
-    load_object,
-    object_ids,
     read_record,
     recorded_files,
-    taken_ids,
     write_record,
 )
-from ..scene import Gaussians, Polished, load_polished, save_polished
 
 __all__ = [
     "forget_unreadable_record",
     "is_object_intact",
-    "list_objects",
+    "load_level",
     "load_levels",
     "load_membership",
-    "load_object",
     "membership_in",
     "object_gaussians",
-    "object_ids",
+    "require_intact",
     "save_object",
-    "taken_ids",
 ]
 
 _ADVICE = "Isolate the object again."
@@ -64,10 +57,10 @@ def save_object(
     project: Path,
     record: ObjectRecord,
     membership: Float32,
-    previews: Sequence[tuple[str, Pixels | Mask]] = (),
     *,
     levels: Sequence[Float32] = (),
     polished: Polished | None = None,
+    pictures: Mapping[str, bytes] | None = None,
 ) -> None:
     """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
 
@@ -77,12 +70,12 @@ def save_object(
     record : ObjectRecord
     membership : array of shape [N], float32
         0 to 1.
-    previews : sequence of (str, array)
-        File names without suffix, and pictures as `write_png` takes them.
     levels : sequence of arrays of shape [N], float32
         Those of `record.levels`, 0 to 1.
     polished : Polished or None
         Stored levels and polished Gaussians are deleted when none are given.
+    pictures : mapping of str to bytes, optional
+        Files of pictures by name.
 
     Raises
     ------
@@ -96,18 +89,30 @@ def save_object(
                     np.save(stream, np.asarray(values, np.float32), allow_pickle=False)
         if polished is not None:
             save_polished(new, polished)
-        for name, picture in previews:
-            write_png(new / f"{name}.png", picture)
+        for name, picture in (pictures or {}).items():
+            with atomic_write(new / name) as stream:
+                stream.write(picture)
         files = {name: record_of(new / name) for name in COMPUTED_FILES if (new / name).exists()}
         write_record(new / RECORD_FILE, record, files)
 
 
-def load_membership(project: Path, object_id: str) -> Float32:
-    """Return the membership of an object, shape [N], float32, in [0, 1]."""
-    file = _require_intact(project, object_id, MEMBERSHIP_FILE)
+def load_membership(project: Path, object_id: str, count: int | None = None) -> Float32:
+    """Return the membership of an object, shape [N], float32, in [0, 1].
+
+    Parameters
+    ----------
+    project : Path
+    object_id : str
+    count : int, optional
+        Gaussians of the scene that it is for: that of another scene is refused with `FormatError`.
+    """
+    require_intact(project, object_id, MEMBERSHIP_FILE)
+    file = object_file(project, object_id, MEMBERSHIP_FILE)
     if not file.is_file():
         raise ObjectError(f"{file} is missing. Isolate the object again with `segment`.")
-    return read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
+    membership = read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
+    _require_count(project, object_id, len(membership), count)
+    return membership
 
 
 def membership_in(project: Path, record: ObjectRecord, count: int) -> Float32:
@@ -126,10 +131,42 @@ def membership_in(project: Path, record: ObjectRecord, count: int) -> Float32:
 
 def load_levels(project: Path, object_id: str) -> Float32:
     """Return the memberships of an object's levels, part first, [K, N], float32; one row when it has no levels."""
-    file = _require_intact(project, object_id, LEVELS_FILE)
+    require_intact(project, object_id, LEVELS_FILE)
+    file = object_file(project, object_id, LEVELS_FILE)
     if not file.is_file():
         return load_membership(project, object_id)[None]
     return read_array(file, ArraySpec("float32", ("k", "n"), finite=True), advice=_ADVICE)
+
+
+def load_level(project: Path, object_id: str, level: int, count: int) -> Float32:
+    """Return the membership of an object at one of its levels, float32 [count], without reading or hashing the others.
+
+    Raises
+    ------
+    FormatError
+        When the file cannot be read, belongs to another scene, or has no such level.
+    """
+    file = object_file(project, object_id, LEVELS_FILE)
+    # Memory-mapped: the slider needs only one of several levels.
+    levels = read_array(file, ArraySpec("float32", ("k", "n")), advice=_ADVICE, mapped=True)
+    _require_count(project, object_id, levels.shape[1], count)
+    if not 0 <= level < len(levels):
+        raise FormatError(
+            f"The object {object_id} of {project} has only {len(levels)} levels now; level {level + 1} is missing. "
+            "Open the project again."
+        )
+    membership = np.array(levels[level])
+    if not np.isfinite(membership).all():
+        raise FormatError(f"{file} cannot be read: it has values that are not finite. {_ADVICE}")
+    return membership
+
+
+def _require_count(project: Path, object_id: str, found: int, count: int | None) -> None:
+    if count is not None and found != count:
+        raise FormatError(
+            f"The object {object_id} of {project} belongs to another version of the scene ({found} Gaussians, not "
+            f"{count}). Isolate it again."
+        )
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
@@ -141,7 +178,7 @@ def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) 
         When the object belongs to an earlier training of the scene.
     """
     rows = np.flatnonzero(membership_in(project, record, len(gaussians)) >= record.threshold)
-    _require_intact(project, record.id, POLISHED_FILE)
+    require_intact(project, record.id, POLISHED_FILE)
     polished = load_polished(project, record.id)
     return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)
 
@@ -157,10 +194,8 @@ def forget_unreadable_record(project: Path, object_id: str) -> None:
 def is_object_intact(project: Path, object_id: str) -> bool:
     """Return whether the record of an object can be read, and all files that it records are as they were written."""
     try:
-        recorded = recorded_files(object_file(project, object_id, RECORD_FILE))
-        for name in recorded:
-            _require_intact(project, object_id, name)
-        if not recorded:
+        require_intact(project, object_id)
+        if not recorded_files(object_file(project, object_id, RECORD_FILE)):
             for load in (load_levels, load_membership, load_polished):
                 load(project, object_id)
     except HeritageError:
@@ -168,12 +203,17 @@ def is_object_intact(project: Path, object_id: str) -> bool:
     return True
 
 
-def _require_intact(project: Path, object_id: str, name: str) -> Path:
-    """Return the path of a file of an object, which is what the object's record says."""
-    file = object_file(project, object_id, name)
+def require_intact(project: Path, object_id: str, *names: str) -> None:
+    """Check files of an object against the sizes and hashes in its record; by default, all that it records.
+
+    Raises
+    ------
+    FormatError
+        When one of them is missing or damaged.
+    """
     record = object_file(project, object_id, RECORD_FILE)
-    expected = recorded_files(record).get(name) if record.is_file() else None
-    if expected is not None and not is_as_recorded(file, expected):
-        problem = "was damaged" if file.exists() else "is missing"
-        raise FormatError(f"{file} {problem}. {_ADVICE}")
-    return file
+    recorded = recorded_files(record) if record.is_file() or not names else {}
+    for name in names or recorded:
+        file = object_file(project, object_id, name)
+        if name in recorded and not is_as_recorded(file, recorded[name]):
+            raise FormatError(f"{file} {'was damaged' if file.exists() else 'is missing'}. {_ADVICE}")

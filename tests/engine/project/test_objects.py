@@ -10,17 +10,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.core.errors import DiskError, FormatError, ObjectError
-from engine.objects.storage import (
+from engine.pictures import encode_png
+from engine.project.objects import (
+    ObjectRecord,
     is_object_intact,
     list_objects,
     load_levels,
     load_membership,
     load_object,
+    new_id,
+    new_name,
     object_gaussians,
     save_object,
     taken_ids,
+    write_record,
 )
-from engine.project.objects import ObjectRecord, new_id, new_name, write_record
 from engine.scene import Gaussians, Polished
 
 RECORD = ObjectRecord(
@@ -39,7 +43,7 @@ MEMBERSHIP = np.array([0.1, 0.7, 1.0], np.float32)
 
 
 def test_object_comes_back_as_it_was(tmp_path: Path) -> None:
-    save_object(tmp_path, RECORD, MEMBERSHIP, [("seed", np.zeros((4, 5), np.uint8))])
+    save_object(tmp_path, RECORD, MEMBERSHIP, pictures={"seed.png": encode_png(np.zeros((4, 5), np.uint8))})
     assert list_objects(tmp_path) == [RECORD]
     np.testing.assert_array_equal(load_membership(tmp_path, "vase"), MEMBERSHIP)
     assert sorted(p.name for p in (tmp_path / "objects" / "vase").iterdir()) == [

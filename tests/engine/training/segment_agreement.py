@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...core.arrays import Float32
-from ...masks import mask_iou
-from ...masks.settings import INSTANCE_COSINE
-from ...rasterizer import rasterize
-from ...scene import Gaussians
-from ...training import TrainingView, initial_features
+from engine.core.arrays import Float32
+from engine.masks import mask_iou
+from engine.masks.settings import INSTANCE_COSINE
+from engine.quality.evaluation.trained_scene import innermost_pixel
+from engine.rasterizer import rasterize
+from engine.scene import Gaussians
+from engine.training import TrainingView, initial_features
 
-__all__ = ["SegmentAgreement", "segment_agreement", "innermost_pixel", "untrained_features"]
+__all__ = ["SegmentAgreement", "segment_agreement", "untrained_features"]
 
 _MIN_ALPHA = 0.5
 """Alpha below which a pixel is not selected: too little of it is covered by Gaussians."""
@@ -112,11 +112,3 @@ def _segment_ious(
         selected = (features @ features[y, x] >= threshold) & (cover >= _MIN_ALPHA)
         found.append(mask_iou(selected, segment))
     return found
-
-
-def innermost_pixel(segment: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return row and column of the pixel of `segment` farthest from its border and that of the picture."""
-    framed = np.pad(segment.astype(np.uint8), 1)
-    distance = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
-    y, x = np.unravel_index(int(np.argmax(distance)), segment.shape)
-    return int(y), int(x)
