@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .graph import SceneGraph
     from .photos import Photos, SamFactory
-    from .polishing import polish
+    from .detail import DetailPhotos, DetailResult, detail_object
     from .prompts import ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, parse_point, parse_prompt
     from .segment import NoMatchError, find_everything, find_objects, mask_at
     from .segmenter import Segmenter
@@ -66,7 +66,9 @@ __all__ = [
     "parse_point",
     "parse_prompt",
     "photo_folder_of",
-    "polish",
+    "DetailPhotos",
+    "DetailResult",
+    "detail_object",
     "save_object",
     "scene_on",
     "spread_cameras",

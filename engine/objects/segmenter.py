@@ -22,13 +22,12 @@ from ..project.folder import ProjectFolder
 from ..project.objects import PICTURE_FILE, ObjectRecord, delete_object, keep_version, new_id, new_name
 from ..project.provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
-from ..scene import Camera, PinholeCamera, Polished
+from ..scene import Camera, PinholeCamera
 from .candidate_file import cut_out, forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
 from .evidence import evidence_of_clicks, find_evidence, meant_by
 from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
-from .polishing import polish
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings

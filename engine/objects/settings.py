@@ -44,7 +44,7 @@ class SegmentSettings:
         scores, it is the likeliest whole one.
     max_objects : int
         Objects that one text names.
-    polish_steps : int
+    detail_steps : int
         Training steps in which the Gaussians of an object are polished alone before it is stored
         (`engine.objects.polishing`); 0 keeps them as they are in the scene.
     """
@@ -60,7 +60,7 @@ class SegmentSettings:
         0.92  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms, museum_room
     )
     max_objects: int = 8
-    polish_steps: int = 200  # chosen on museum_room
+    detail_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
         for name in ("n_text_views", "n_vote_views", "n_crop_views", "max_objects"):
@@ -70,7 +70,7 @@ class SegmentSettings:
         for name in ("least_score", "relative_score"):
             require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "strictness", self.strictness > 0, "above 0")
-        require(self, "polish_steps", self.polish_steps >= 0, "at least 0")
+        require(self, "detail_steps", self.detail_steps >= 0, "at least 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +106,7 @@ BETTER = SegmentSettings()
 
 PAPER = PaperSettings(
     relative_score=0.6,  # chosen on museum_room
-    polish_steps=0,
+    detail_steps=0,
     cosine=INSTANCE_COSINE,
     erode_pixels=2,  # chosen on museum_room
     outlier_iqr=1.0,  # Ye et al. 2024

@@ -1,4 +1,4 @@
-"""Objects on disk: ``objects/<id>/`` with the record, the membership, levels, polished Gaussians and previews.
+"""Objects on disk: ``objects/<id>/`` with the record, the membership, levels, detailed Gaussians and previews.
 
 The record holds size and SHA-256 of the computed files, which are checked when they are read; pictures, and the museum
 record that the user writes, are not among them. Functions that read an object raise `ObjectError` when there is none,
@@ -30,7 +30,7 @@ from ..project.objects import (
     COMPUTED_FILES,
     LEVELS_FILE,
     MEMBERSHIP_FILE,
-    POLISHED_FILE,
+    DETAIL_FILE,
     RECORD_FILE,
     ObjectRecord,
     list_objects,
@@ -41,7 +41,7 @@ from ..project.objects import (
     taken_ids,
     write_record,
 )
-from ..scene import Gaussians, Polished, load_polished, save_polished
+from ..scene import Gaussians, Detailed, load_detailed, save_detailed
 
 __all__ = [
     "forget_unreadable_record",
@@ -67,7 +67,7 @@ def save_object(
     previews: Sequence[tuple[str, Pixels | Mask]] = (),
     *,
     levels: Sequence[Float32] = (),
-    polished: Polished | None = None,
+    detailed: Detailed | None = None,
 ) -> None:
     """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
 
@@ -81,8 +81,8 @@ def save_object(
         File names without suffix, and pictures as `write_png` takes them.
     levels : sequence of arrays of shape [N], float32
         Those of `record.levels`, 0 to 1.
-    polished : Polished or None
-        Stored levels and polished Gaussians are deleted when none are given.
+    detailed : Detailed or None
+        Stored levels and detailed Gaussians are deleted when none are given.
 
     Raises
     ------
@@ -94,8 +94,8 @@ def save_object(
             if len(values):
                 with atomic_write(new / name) as stream:
                     np.save(stream, np.asarray(values, np.float32), allow_pickle=False)
-        if polished is not None:
-            save_polished(new, polished)
+        if detailed is not None:
+            save_detailed(new, detailed)
         for name, picture in previews:
             write_png(new / f"{name}.png", picture)
         files = {name: record_of(new / name) for name in COMPUTED_FILES if (new / name).exists()}
@@ -133,7 +133,7 @@ def load_levels(project: Path, object_id: str) -> Float32:
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
-    """Return an object for export: its Gaussians among the scene's, polished.
+    """Return an object for export: its Gaussians among the scene's, detailed where they are.
 
     Raises
     ------
@@ -141,9 +141,9 @@ def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) 
         When the object belongs to an earlier training of the scene.
     """
     rows = np.flatnonzero(membership_in(project, record, len(gaussians)) >= record.threshold)
-    _require_intact(project, record.id, POLISHED_FILE)
-    polished = load_polished(project, record.id)
-    return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)
+    _require_intact(project, record.id, DETAIL_FILE)
+    detailed = load_detailed(project, record.id)
+    return gaussians[rows] if detailed is None else detailed.with_detail(gaussians[rows], rows)[0]
 
 
 def forget_unreadable_record(project: Path, object_id: str) -> None:
@@ -161,7 +161,7 @@ def is_object_intact(project: Path, object_id: str) -> bool:
         for name in recorded:
             _require_intact(project, object_id, name)
         if not recorded:
-            for load in (load_levels, load_membership, load_polished):
+            for load in (load_levels, load_membership, load_detailed):
                 load(project, object_id)
     except HeritageError:
         return False

@@ -18,7 +18,7 @@ __all__ = [
     "COMPUTED_FILES",
     "LEVELS_FILE",
     "MEMBERSHIP_FILE",
-    "POLISHED_FILE",
+    "DETAIL_FILE",
     "PICTURE_FILE",
     "RECORD_FILE",
     "ObjectRecord",
@@ -31,8 +31,8 @@ __all__ = [
 ]
 
 RECORD_FILE = "object.json"
-MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE = "membership.npy", "levels.npy", "polished.npz"
-COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE)
+MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE = "membership.npy", "levels.npy", "detail.npz"
+COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE)
 """Files of an object whose size and hash are in its record."""
 PICTURE_FILE = "picture.png"
 """A picture of an object with an unsure name on a photo; only such objects have it."""
