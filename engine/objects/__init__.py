@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .segment import NoMatchError, find_everything, find_objects, mask_at
     from .segmenter import Segmenter
     from .storage import (
+        detail_of,
         forget_unreadable_record,
         is_object_intact,
         list_objects,
@@ -69,6 +70,7 @@ __all__ = [
     "DetailPhotos",
     "DetailResult",
     "detail_object",
+    "detail_of",
     "save_object",
     "scene_on",
     "spread_cameras",

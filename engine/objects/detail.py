@@ -271,7 +271,7 @@ class _Cutter:
         if source_valid is not None:
             valid = undistort(source_valid.astype(np.float32), camera, part, interpolation="linear") > 1.0 - 1e-4
         share, alpha, hidden = self._coverage(part)
-        visible = share > VISIBLE_SHARE
+        visible, known = share > VISIBLE_SHARE, valid & ~hidden
         rim = max(1, round(_RIM_SHARE * max(frame.width, frame.height) * part.K[0, 0] / frame.K[0, 0]))
         inside = erode_mask(visible, rim) & visible
         alpha = np.where(inside, np.float32(1), alpha)
@@ -280,7 +280,7 @@ class _Cutter:
         gain = np.asarray(self.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
         return DetailCrop(
             camera.photo, part, np.ascontiguousarray(pixels), compared & valid, inside & valid,
-            alpha.astype(np.float32), valid & ~hidden, gain, float(visible.sum()),
+            alpha.astype(np.float32), known, gain, float(visible.sum()),
         )  # fmt: skip
 
     def _part(self, camera: Camera, frame: PinholeCamera) -> PinholeCamera | None:

@@ -44,6 +44,7 @@ from ..project.objects import (
 from ..scene import Gaussians, Detailed, load_detailed, save_detailed
 
 __all__ = [
+    "detail_of",
     "forget_unreadable_record",
     "is_object_intact",
     "list_objects",
@@ -144,6 +145,14 @@ def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) 
     _require_intact(project, record.id, DETAIL_FILE)
     detailed = load_detailed(project, record.id)
     return gaussians[rows] if detailed is None else detailed.with_detail(gaussians[rows], rows)[0]
+
+
+def detail_of(detailed: Detailed | None, members: Mask) -> Detailed | None:
+    """Return the detail of those that are still members, bool [N]; those that were added stay as in the scene."""
+    if detailed is None:
+        return None
+    kept = members[detailed.rows]
+    return detailed.of(kept) if kept.any() else None
 
 
 def forget_unreadable_record(project: Path, object_id: str) -> None:

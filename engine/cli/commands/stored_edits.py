@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.arrays import Float32
 from ...core.errors import ObjectError
 from ...core.files import ArraySpec, read_array
-from ...objects import load_levels, load_membership, save_object
+from ...objects import detail_of, load_levels, load_membership, save_object
 from ...objects.settings import DEFAULT_THRESHOLD
 from ...project.folder import ProjectFolder
 from ...project.objects import (
@@ -27,7 +27,7 @@ from ...project.objects import (
     rename_object,
     taken_ids,
 )
-from ...scene import Polished, load_polished
+from ...scene import load_detailed
 
 __all__ = ["BY_HAND", "read_membership", "store_edits"]
 
@@ -163,18 +163,10 @@ def _replace(
     project: ProjectFolder, record: ObjectRecord, membership: Float32, *, why: str, levels: Sequence[Float32] = ()
 ) -> None:
     """Store an object in place of the present one, a copy of which goes to the trash."""
-    polished, members = load_polished(project.path, record.id), membership >= np.float32(record.threshold)
+    members = membership >= np.float32(record.threshold)
+    detailed = detail_of(load_detailed(project.path, record.id), members)
     keep_version(project, record.id, why=why)
-    kept = None if polished is None else _those_of(polished, members)
-    save_object(project.path, record, membership, levels=levels, polished=kept)
-
-
-def _those_of(polished: Polished, members: NDArray[np.bool_]) -> Polished | None:
-    """Return the polished Gaussians of those that are still members; those that were added have trained values."""
-    kept = members[polished.rows]
-    if not kept.any():
-        return None
-    return Polished(polished.rows[kept], polished.trained_means[kept], polished.gaussians[kept])
+    save_object(project.path, record, membership, levels=levels, detailed=detailed)
 
 
 def _new(object_id: str, membership: Float32, threshold: float) -> ObjectRecord:
