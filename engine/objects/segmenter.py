@@ -281,7 +281,7 @@ class Segmenter:
             raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
         membership_in(self.project.path, record, len(self.context.means))
         kept = list(levels) if record.levels else []
-        return self._keep(self.context, replace(record, level=level), levels[level], levels=kept, why="another level")
+        return self._keep(self.context, replace(record, level=level), levels[level], kept, "another level")
 
     def detail(self, names: Sequence[str] = ()) -> list[ObjectRecord]:
         """Give stored objects detail from the photos, one after the other, and return their records.
@@ -313,23 +313,19 @@ class Segmenter:
             context = self.context.part(number, len(records))
             membership = load_membership(path, record.id)
             levels = load_levels(path, record.id) if record.levels else ()
-            detailed.append(self._keep(context, record, membership, levels=list(levels), why="detailed"))
+            detailed.append(self._keep(context, record, membership, list(levels), "detailed"))
         return detailed
 
     def _keep(
-        self,
-        context: SegmentationContext,
-        record: ObjectRecord,
-        membership: Float32,
-        *,
-        levels: Sequence[Float32],
-        why: str,
+        self, context: SegmentationContext, record: ObjectRecord, membership: Float32, levels: Sequence[Float32], why: str
     ) -> ObjectRecord:
         """Store an object with detail from the photos. The old one is copied to the trash, whose list says `why`."""
         members, path = membership >= record.threshold, self.project.path
         known = load_detailed(path, record.id)
         if known is not None and np.array_equal(known.rows, np.flatnonzero(members)):
             result = DetailResult(known, dict(record.detail or {}))
+            if record == load_object(path, record.id):
+                return record
         else:
             context.tell(0.0, f"Detailing {record.name}")
             result = detail_object(
@@ -350,7 +346,8 @@ class Segmenter:
         members = membership >= record.threshold
         detailed = detail_of(load_detailed(self.project.path, record.id), members)
         keep_version(self.project, record.id, why=why)
-        changed = replace(record, n_gaussians=int(members.sum()))
+        kept = None if detailed is None else record.detail
+        changed = replace(record, n_gaussians=int(members.sum()), detail=kept)
         save_object(self.project.path, changed, membership, detailed=detailed)
         return changed
 

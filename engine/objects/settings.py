@@ -59,7 +59,7 @@ class SegmentSettings:
         0.92  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms, museum_room
     )
     max_objects: int = 8
-    detail_steps: int = 2000  # chosen on museum_room
+    detail_steps: int = 1500  # chosen on museum_room
 
     def __post_init__(self) -> None:
         for name in ("n_text_views", "n_vote_views", "n_crop_views", "max_objects"):

@@ -166,6 +166,7 @@ def _replace(
     members = membership >= np.float32(record.threshold)
     detailed = detail_of(load_detailed(project.path, record.id), members)
     keep_version(project, record.id, why=why)
+    record = replace(record, detail=None if detailed is None else record.detail)
     save_object(project.path, record, membership, levels=levels, detailed=detailed)
 
 
