@@ -58,8 +58,8 @@ _NEEDLE = 5.0
 
 _INTRODUCTION = """# Detail: objects before and after
 
-*Add Detail* (``python -m engine segment PROJECT --detail vase``) trains the Gaussians of an object further, on the parts
-of the training photos that show it, at the photos' own resolution. The scene stays as it is.
+*Add Detail* (``python -m engine segment PROJECT --detail vase``) trains the Gaussians of an object further on the
+parts of the training photos that show it, at the photos' own resolution. The scene stays as it is.
 
 - A step compares a window of one photo with the object's Gaussians, drawn together with those of the rest of the scene,
   which are frozen: so background and occluders are explained. The loss is that of the scene, L1 and D-SSIM, with the
@@ -193,7 +193,7 @@ class TrainedScene:
         return Figures(*mean, needles=needles, cpu_seconds=cpu_seconds)
 
     def picture(self, name: str, alone: Gaussians) -> np.ndarray:
-        """Return the object in the scene, with detail and in the photo, beside each other, of the largest test photo."""
+        """Return the object in the scene, with detail and in the test photo that shows most of it, side by side."""
         camera = max(self.held_out, key=lambda one: self.truth.masks(one.photo).get(name, np.zeros(1)).sum())
         frame, photo, truth = self._photo(camera, name)
         rows, columns = (np.flatnonzero(truth.any(axis=axis)) for axis in (1, 0))
@@ -225,7 +225,11 @@ class TrainedScene:
         """Return the frame of a photo at its own size, its pixels in [0, 1], and the true mask of an exhibit in it."""
         frame = training_pinhole(camera, max_side=_MAX_SIDE)
         pixels = undistort(load_pixels(self.photos.folder / camera.photo), camera, frame, interpolation="linear")
-        return frame, np.asarray(pixels, np.float32) / 255, _in_frame(self.truth.masks(camera.photo)[exhibit], camera, frame)
+        return (
+            frame,
+            np.asarray(pixels, np.float32) / 255,
+            _in_frame(self.truth.masks(camera.photo)[exhibit], camera, frame),
+        )
 
     def _compare(
         self, alone: Gaussians, camera: Camera, exhibit: str, occluder_distance: float

@@ -18,7 +18,7 @@ __all__ = ["CLASSES"]
 
 @blender_properties
 class HERITAGE_OT_add_detail(SegmentOperator):
-    """Train the object on the photos at their own resolution, so that it is as sharp as they are. The scene stays as it is"""
+    """Train the object on the photos at their own resolution, to make it as sharp as they are. The scene stays"""
 
     bl_idname = "heritage.add_detail"
     bl_label = "Add Detail"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,7 @@ from .context import photo_folder_of
 from .settings import SegmentSettings
 from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box, spread_cameras
 
-__all__ = ["DetailPhotos", "DetailResult", "Tell", "detail_object"]
+__all__ = ["DetailPhotos", "DetailResult", "detail_object"]
 
 _MIN_SHARE = 0.3  # chosen on museum_room
 """Share of a pixel that the object contributes in the scene at which the coverage that it has alone starts to rise; it
@@ -149,12 +149,6 @@ class DetailResult:
         return text + (f"; {record['reduced']} photos were read smaller" if record["reduced"] else "")
 
 
-class Tell:
-    """Type of the callback for progress: fraction that is done, seconds left or None."""
-
-    def __call__(self, done: float, seconds_left: float | None) -> None: ...
-
-
 def detail_object(
     views: Views,
     photos: DetailPhotos,
@@ -162,7 +156,7 @@ def detail_object(
     settings: SegmentSettings,
     *,
     should_stop: StopCheck,
-    tell: Any = lambda done, seconds_left: None,
+    tell: Callable[[float, float | None], None] = lambda done, seconds_left: None,
 ) -> DetailResult:
     """Train an object's Gaussians on the parts of the photos that show it.
 
@@ -175,7 +169,7 @@ def detail_object(
         Of them, `detail_steps`.
     should_stop : callable
     tell : callable
-        See `Tell`.
+        Called with the fraction that is done, 0 to 1, and the seconds that are left where they are known.
 
     Raises
     ------
@@ -232,7 +226,9 @@ def detail_object(
         "psnr": [round(before, 2), round(after, 2)], "seconds": round(time.perf_counter() - started, 1),
     }  # fmt: skip
     if not after >= before + _MIN_GAIN:
-        return DetailResult(None, {**record, "why": f"photos that were left out show no gain ({after - before:+.1f} dB)"})
+        return DetailResult(
+            None, {**record, "why": f"photos that were left out show no gain ({after - before:+.1f} dB)"}
+        )
     order = np.argsort(parents, kind="stable")
     scene_rows = rows.astype(np.int32)
     kept = Detailed(scene_rows, trained.means, scene_rows[parents[order]], result[order])

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.arrays import Float32, Mask, Pixels
 from ..core.errors import FormatError, ObjectError, PromptError
-from ..core.events import Emit, Progress, StopCheck, Warned
+from ..core.events import Emit, StopCheck, Warned
 from ..core.settings import to_dict
 from ..core.words import normalised, similarly_spelt
 from ..project.folder import ProjectFolder
@@ -317,7 +317,12 @@ class Segmenter:
         return detailed
 
     def _keep(
-        self, context: SegmentationContext, record: ObjectRecord, membership: Float32, levels: Sequence[Float32], why: str
+        self,
+        context: SegmentationContext,
+        record: ObjectRecord,
+        membership: Float32,
+        levels: Sequence[Float32],
+        why: str,
     ) -> ObjectRecord:
         """Store an object with detail from the photos. The old one is copied to the trash, whose list says `why`."""
         members, path = membership >= record.threshold, self.project.path
@@ -327,13 +332,11 @@ class Segmenter:
             if record == load_object(path, record.id):
                 return record
         else:
-            context.tell(0.0, f"Detailing {record.name}")
+            message = f"Detailing {record.name}"
+            context.tell(0.0, message)
             result = detail_object(
-                context.views, DetailPhotos.of(self.project), members, self.settings,
-                should_stop=context.should_stop,
-                tell=lambda done, left: context.emit(
-                    Progress("objects", done, seconds_left=left, message=f"Detailing {record.name}")
-                ),
+                context.views, DetailPhotos.of(self.project), members, self.settings, should_stop=context.should_stop,
+                tell=lambda done, left: context.tell(done, message, left),
             )  # fmt: skip
             context.tell(1.0, f"{record.name}: {result.sentence}")
         keep_version(self.project, record.id, why=why)

@@ -28,9 +28,9 @@ from ..core.files import (
 from ..pictures import write_png
 from ..project.objects import (
     COMPUTED_FILES,
+    DETAIL_FILE,
     LEVELS_FILE,
     MEMBERSHIP_FILE,
-    DETAIL_FILE,
     RECORD_FILE,
     ObjectRecord,
     list_objects,
@@ -41,7 +41,7 @@ from ..project.objects import (
     taken_ids,
     write_record,
 )
-from ..scene import Gaussians, Detailed, load_detailed, save_detailed
+from ..scene import Detailed, Gaussians, load_detailed, save_detailed
 
 __all__ = [
     "detail_of",

@@ -8,6 +8,7 @@ from __future__ import annotations
 from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera
 from .camera_health import CameraHealth
 from .camera_storage import camera_problem, read_camera_set, write_camera_set
+from .detailed import Detailed, load_detailed, save_detailed
 from .extents import box_of, far_gaussians, foot_of
 from .framing import looked_at
 from .gaussians import FEATURE_DIM, Gaussians
@@ -17,7 +18,6 @@ from .measurement_storage import delete_measurement, load_measurement, save_meas
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_names import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES, NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
-from .detailed import Detailed, load_detailed, save_detailed
 from .rays import RayCaster, RayHits, photo_ray, surface_point
 
 __all__ = [

@@ -33,10 +33,16 @@ _STOP_SECONDS = 30.0
 _ON_CLUSTER = 8
 """Jobs that a cluster gets at a time, each of another project: some 100 MB of memory each on the server."""
 _LABELS = {
-    "--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}",
+    "--prompt": "Isolate {}",
+    "--refine": "Correct {}",
+    "--accept": "Isolate candidate {}",
     "--detail": "Add detail to {}",
 }
-_WORDS = {"--detail": "Add detail to all objects", "--all": "Find all objects", "--complement": "Isolate the background"}
+_WORDS = {
+    "--detail": "Add detail to all objects",
+    "--all": "Find all objects",
+    "--complement": "Isolate the background",
+}
 _STOPPED = "What is computed so far is kept. Continue goes on from there."
 _CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment": ("objects",)}
 """What of a project a finished job of each kind has changed."""

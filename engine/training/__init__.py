@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .compilation import compile_kernels
     from .coverage import WELL_SEEN, Coverage
+    from .detail import DetailCrop, DetailPlan, detail_psnr, train_detail
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
     from .losses import Target, photometric_loss, ssim
     from .overrides import read_overrides
     from .parameters import Parameters, render
-    from .detail import DetailCrop, DetailPlan, detail_psnr, train_detail
     from .quality import gaussians_so_far, measure_quality
     from .result import TrainingResult
     from .scene_files import FEATURES_FILE, SCENE_FILE, load_features, load_gaussians, save_gaussians

@@ -32,7 +32,7 @@ _WINDOW_PIXELS = 160 * 160
 """Pixels of a crop that a step compares: the whole crop, reduced, or a window of it. It bounds the time of a step."""
 
 _COARSE = 0.25  # chosen on museum_room
-"""Share of the steps, the first ones, that compare whole crops. What is wrong over large distances is corrected there."""
+"""Share of the steps, the first ones, that compare whole crops, in which far displacements are seen."""
 
 _COVERAGE_WEIGHT = 0.3  # chosen on museum_room
 """Weight of the coverage's L1 distance relative to the photometric loss."""
@@ -272,7 +272,7 @@ def train_detail(
 def _step_loss(
     parameters: Parameters, others: list[torch.Tensor], crop: DetailCrop, backend: Backend, settings: RasterSettings
 ) -> tuple[torch.Tensor | None, torch.Tensor]:
-    """Return the loss of a step, None where the crop shows nothing, and a channel whose gradient is the error of each."""
+    """Return the loss, None where the crop shows nothing, and a channel whose gradient is the error of each."""
     own = _tensors(parameters)
     joined = [torch.cat(pair) for pair in zip(own, others, strict=True)]
     means, quats, scales, opacities, sh = joined

@@ -122,7 +122,9 @@ def take_vertices(obj: bpy.types.Object, vertices: NDArray[np.integer]) -> int:
     before = membership >= threshold
     # Where detail was added, several Gaussians stand for one of the scene: they leave together, as they are stored.
     rows = splats.index(scene_count(obj))
-    vertices = np.flatnonzero(np.isin(rows, rows[vertices][rows[vertices] >= 0]) | np.isin(np.arange(len(rows)), vertices))
+    vertices = np.flatnonzero(
+        np.isin(rows, rows[vertices][rows[vertices] >= 0]) | np.isin(np.arange(len(rows)), vertices)
+    )
     after = before.copy()
     after[vertices] = False
     if not after.any():

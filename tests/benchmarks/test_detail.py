@@ -32,6 +32,8 @@ def test_each_exhibit_has_its_own_row_with_the_change_and_the_mean_is_the_last()
     rows = {row.split("|")[1].strip(): row for row in table_of_exhibits(BEFORE, AFTER).splitlines()[2:]}
     assert list(rows) == [*BEFORE, "**mean**"]
     assert "| 27.4 | 26.6 | -0.8 |" in rows["drum"] and "| +2.0 |" in rows["mask"]
-    assert rows["**mean**"].startswith("| **mean** | 5.0 | 4.8 | 1.0 | 1.0 | 2.0 | 1.5 | 80 | 80 | 3 | 3 | 27.6 | 27.9 |")
+    assert rows["**mean**"].startswith(
+        "| **mean** | 5.0 | 4.8 | 1.0 | 1.0 | 2.0 | 1.5 | 80 | 80 | 3 | 3 | 27.6 | 27.9 |"
+    )
     header, rule = table_of_exhibits(BEFORE, AFTER).splitlines()[:2]
     assert header.count("|") == rule.count("|") == rows["drum"].count("|")

@@ -23,7 +23,7 @@ from engine.photos import inspect_photos, read_photos
 from engine.photos.settings import PhotoSettings
 from engine.project.folder import ProjectFolder
 from engine.project.objects import MuseumRecord, ObjectRecord, save_record
-from engine.scene import Gaussians, Detailed, write_camera_set, write_photo_set
+from engine.scene import Detailed, Gaussians, write_camera_set, write_photo_set
 from engine.training import save_gaussians
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 

@@ -108,7 +108,8 @@ def _action(options: argparse.Namespace) -> str:
     actions = [name for name, is_given in given.items() if is_given]
     if len(actions) != 1:
         raise SettingsError(
-            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept, --refine and --detail."
+            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept, --refine and "
+            "--detail."
         )
     action = actions[0]
     if options.excluded and action not in ("pointed", "refine"):

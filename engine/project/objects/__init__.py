@@ -6,10 +6,10 @@ Standard library and NumPy only: Blender reads them, too.
 from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
 from .object_record import (
     COMPUTED_FILES,
+    DETAIL_FILE,
     LEVELS_FILE,
     MEMBERSHIP_FILE,
     PICTURE_FILE,
-    DETAIL_FILE,
     RECORD_FILE,
     ObjectRecord,
     new_id,

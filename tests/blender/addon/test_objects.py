@@ -385,7 +385,9 @@ def test_detailed_object_is_imported_and_edits_by_hand_are_kept(opened: Any, par
     # Row 30 has two Gaussians of detail, all others one.
     parents = np.sort(np.append(rows_, 30)).astype(np.int32)
     alone = alone[parents - 20]
-    detailed.save_detailed(opened.folder / "objects" / "bowl", detailed.Detailed(rows_, gaussians.means, parents, alone))
+    detailed.save_detailed(
+        opened.folder / "objects" / "bowl", detailed.Detailed(rows_, gaussians.means, parents, alone)
+    )
     whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
     whole.data.vertices[25].co.x += 3
     scene_file = part("gaussian_heritage_addon.project.scene_file")

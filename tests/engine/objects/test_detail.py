@@ -22,7 +22,7 @@ from engine.project.objects import ObjectRecord
 from engine.scene import Camera, CameraSet, Detailed, Gaussians, load_detailed
 from tests.engine.pictures.blob_scene import HEIGHT, RED, WIDTH, as_pinhole, camera_at, make_scene
 
-SMALL = replace(BETTER, render_side=160, detail_steps=150)
+SMALL = replace(BETTER, render_side=160, detail_steps=120)
 SCALE = 2
 """Size of the photos relative to those of `make_scene`."""
 TEST_PHOTO = "view_05.png"
@@ -66,15 +66,16 @@ class Seen:
 
 
 def patterned(gaussians: Gaussians, part: np.ndarray) -> tuple[Gaussians, np.ndarray]:
-    """Return the scene with the red ball made of 900 small Gaussians in eight stripes, dark and light, and its members."""
+    """Return the scene whose red ball is 900 small Gaussians, in dark and light stripes, and its members."""
     rng, ball = np.random.default_rng(5), gaussians[part == RED]
     direction = rng.normal(size=(900, 3))
-    means = ball.means.mean(axis=0) + 0.28 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    # As large as the ball of 150 larger Gaussians appears.
+    means = ball.means.mean(axis=0) + 0.35 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
     angle = np.arctan2(direction[:, 1], direction[:, 0])
     fine = replace(
         ball[rng.integers(len(ball), size=900)],
         means=means.astype(np.float32),
-        log_scales=np.full((900, 3), np.log(0.022), np.float32),
+        log_scales=np.full((900, 3), np.log(0.028), np.float32),
         sh=ball.sh[0] + 0.6 * np.sign(np.sin(4 * angle)).astype(np.float32)[:, None, None],
     )
     return gaussians[part != RED].joined(fine), np.r_[np.zeros((part != RED).sum(), bool), np.ones(900, bool)]
@@ -102,7 +103,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Seen:
 
 @pytest.fixture(scope="module")
 def detailed(seen: Seen) -> DetailResult:
-    return seen.detail()
+    return seen.detail(settings=replace(SMALL, detail_steps=300))
 
 
 def test_object_is_sharper_at_the_photos_own_size_than_in_the_scene(seen: Seen, detailed: DetailResult) -> None:
@@ -162,7 +163,9 @@ def test_detail_that_photos_left_out_refute_is_not_kept(seen: Seen, tmp_path: Pa
     for photo in seen.pixels:
         shown = np.clip(seen.alone(seen.gaussians, photo)[0], 0, 1) * (1.0 if photo == "view_06.png" else 0.6)
         Image.fromarray((shown * 255).astype(np.uint8)).save(tmp_path / photo)
-    result = replace(seen, photos=replace(seen.photos, folder=tmp_path)).detail(settings=replace(SMALL, detail_steps=60))
+    result = replace(seen, photos=replace(seen.photos, folder=tmp_path)).detail(
+        settings=replace(SMALL, detail_steps=60)
+    )
     assert result.record["validation"] == ["view_06.png"]
     assert result.detailed is None and not result.record["kept"]
     assert "stays as it is in the scene: photos that were left out show no gain" in result.sentence
@@ -190,9 +193,7 @@ def test_translucent_object_becomes_opaque_and_loses_its_spike(seen: Seen) -> No
     assert result.detailed is not None
     spike = seen.alone(spiked[ball[:1]], TEST_PHOTO)[1] > 0.5
     outside = spike & (cv2.dilate(seen.inside[TEST_PHOTO].astype(np.uint8), np.ones((15, 15))) == 0)
-    before, after = (
-        seen.alone(one, TEST_PHOTO)[1] for one in (spiked[ball], result.detailed.gaussians)
-    )
+    before, after = (seen.alone(one, TEST_PHOTO)[1] for one in (spiked[ball], result.detailed.gaussians))
     inside = erode_mask(seen.inside[TEST_PHOTO], 4)
     assert before[inside].mean() < 0.9 < 0.97 < after[inside].mean()
     assert before[outside].mean() > 0.7 > 0.35 > after[outside].mean()

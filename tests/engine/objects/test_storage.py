@@ -21,7 +21,7 @@ from engine.objects.storage import (
     taken_ids,
 )
 from engine.project.objects import ObjectRecord, new_id, new_name, write_record
-from engine.scene import Gaussians, Detailed
+from engine.scene import Detailed, Gaussians
 
 RECORD = ObjectRecord(
     id="vase",

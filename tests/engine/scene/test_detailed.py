@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import FormatError
-from engine.scene import Gaussians, Detailed, load_detailed, save_detailed
+from engine.scene import Detailed, Gaussians, load_detailed, save_detailed
 
 
 def detailed(count: int = 4) -> Detailed:
