@@ -428,7 +428,7 @@ class Segmenter:
         """
         names = {record.id: record.name for record in list_objects(self.project.path)}
         existing = [None if item.id else self._same_as(item.members, asked) for item in found]
-        context.check_stop()
+        context.tell(1.0, "Storing")
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:

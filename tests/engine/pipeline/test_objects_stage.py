@@ -72,7 +72,7 @@ def rename(project: ProjectFolder, object_id: str, name: str) -> None:
     file.write_text(text.replace(f'"name": "{record.name}"', f'"name": "{name}"'))
 
 
-@pytest.mark.parametrize("file", ["membership.npy", "detail.npz", "object.json"])
+@pytest.mark.parametrize("file", ["membership.npy", "object.json"])
 def test_damaged_object_is_isolated_again_in_its_place(file: str, project: ProjectFolder, run: Run) -> None:
     folder = project.path / "objects" / "red-ball"
     rename(project, "red-ball", "Apple")
@@ -128,7 +128,7 @@ def test_run_killed_before_a_damaged_object_was_isolated_again_is_continued(
     def killed(*_: object, **__: object) -> ObjectRecord:
         raise KeyboardInterrupt
 
-    for place in ("engine.delivery.records.keep_version", "engine.objects.segmenter.find_objects"):
+    for place in ("engine.project.objects.keep_version", "engine.objects.segmenter.find_objects"):
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
             patch.setattr(place, killed)
             run()

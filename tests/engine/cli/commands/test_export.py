@@ -38,7 +38,7 @@ from tests.engine.museum import write_point_cloud
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.fixture
