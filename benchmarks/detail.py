@@ -61,10 +61,17 @@ _INTRODUCTION = """# Detail: objects before and after
 *Add Detail* (``python -m engine segment PROJECT --detail vase``) trains the Gaussians of an object further on the
 parts of the training photos that show it, at the photos' own resolution. The scene stays as it is.
 
+![A vase in the scene, with detail, and in a test photo](pictures/detail.jpg)
+
+The picture shows the vase of the museum room alone, as it is in the scene and with detail, and a test photo:
+``python -m benchmarks.detail out/museum_room/project --only vase --picture docs/pictures/detail.jpg``. Its foot is
+missing because the word did not find it.
+
 - A step compares a window of one photo with the object's Gaussians, drawn together with those of the rest of the scene,
   which are frozen: so background and occluders are explained. The loss is that of the scene, L1 and D-SSIM, with the
   photo's brightness factors, in the pixels to which the object contributes. The object alone on black is compared
-  with the photo too, inside of its outline, and its coverage with the share of each pixel that it has in the scene.
+  with the photo too, inside of its outline, and its coverage with the share of each pixel that it has in the scene. Where it covers more than that and the photo has its
+  colours, it stays: others show there what it shows too. Else it is a spike or a veil, and goes.
 - Gaussians are split where the error of the object is, up to one for 8 pixels of its surface and six times as many as
   before. Each follows the Gaussian of the scene that it was split from, so *Threshold*, *Part to Whole*, corrections
   and edits by hand go on working. None may be a needle, reach far, or leave the object's box.

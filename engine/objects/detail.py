@@ -23,7 +23,7 @@ from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from ..masks import mask_box
 from ..photos import load_with_valid
-from ..pictures import Backend, Scene
+from ..pictures import Backend, Rendered, Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..project.folder import ProjectFolder
 from ..scene import Camera, Detailed, Gaussians, PinholeCamera
@@ -41,6 +41,9 @@ is 1 at one minus this."""
 _OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
 """Distance in front of the object, in its radii, from which on other Gaussians hide it. What is closer is the wall or
 support that a Gaussian of the object reaches into."""
+
+_AGREEING = 0.1  # chosen on museum_room
+"""Largest mean difference between colours of the object alone and those of the photo, 0 to 1, at which they agree."""
 
 _RIM_SHARE = 1 / 300
 """Width of the edge that may be translucent, as a share of the longer side of the photo that the scene was seen in."""
@@ -181,9 +184,10 @@ def detail_object(
     Notes
     -----
     Let s be the share of a pixel that the members contribute in the whole scene. The coverage that the object has alone
-    is (s - 0.3) / 0.4, clipped to [0, 1]; inside its outline it is 1. Pixels in which other Gaussians are clearly in
-    front of the object do not count. Colours come from the photos alone. The result is kept when it is better on photos
-    that were left out. Figures: docs/detail.md.
+    is (s - 0.3) / 0.4, clipped to [0, 1]; inside its outline it is 1. Where it covers more alone, and has the colours of
+    the photo there, it keeps that. Pixels in which other Gaussians are clearly in front of the object do not count.
+    Colours come from the photos alone. The result is kept when it is better on photos that were left out. Figures:
+    docs/detail.md.
     """
     started, rows = time.perf_counter(), np.flatnonzero(members)
     record: dict[str, Any] = {"kept": False, "steps": settings.detail_steps}
@@ -266,17 +270,24 @@ class _Cutter:
         valid = np.ones(pixels.shape[:2], bool)
         if source_valid is not None:
             valid = undistort(source_valid.astype(np.float32), camera, part, interpolation="linear") > 1.0 - 1e-4
-        share, alpha, hidden = self._coverage(part)
+        gain = np.asarray(self.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
+        share, alpha, hidden, isolated = self._coverage(part)
+        # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
+        # The photo tells which.
+        covered = isolated.alpha[..., None]
+        difference = np.abs(isolated.channels[..., :3] * gain - covered * pixels / np.float32(255)).mean(axis=2)
+        agrees = (share <= VISIBLE_SHARE) & (isolated.alpha > VISIBLE_SHARE) & ~hidden
+        agrees &= cv2.blur(difference, (5, 5)) < _AGREEING * isolated.alpha
+        alpha = np.where(agrees, isolated.alpha, alpha)
         visible, known = share > VISIBLE_SHARE, valid & ~hidden
         rim = max(1, round(_RIM_SHARE * max(frame.width, frame.height) * part.K[0, 0] / frame.K[0, 0]))
         inside = erode_mask(visible, rim) & visible
         alpha = np.where(inside, np.float32(1), alpha)
         kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
         compared = cv2.dilate((share > _COMPARED_SHARE).astype(np.uint8), kernel) > 0
-        gain = np.asarray(self.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
         return DetailCrop(
             camera.photo, part, np.ascontiguousarray(pixels), compared & valid, inside & valid,
-            alpha.astype(np.float32), known, gain, float(visible.sum()),
+            (inside | agrees) & valid, alpha.astype(np.float32), known, gain, float(visible.sum()),
         )  # fmt: skip
 
     def _part(self, camera: Camera, frame: PinholeCamera) -> PinholeCamera | None:
@@ -298,17 +309,17 @@ class _Cutter:
         K = (frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])) * factors[:, None]
         return replace(frame, K=K, width=width, height=height)
 
-    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask]:
-        """Return the object's share of each pixel, the coverage that it has alone, and where something hides it."""
+    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered]:
+        """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone."""
         scene: Scene = self.views.scene
         channels = np.column_stack([self.members.astype(np.float32), scene.depth_of(part)])
         in_scene = scene.render(part, channels=channels)
-        isolated = self._alone.render(part, channels=self._alone.depth_of(part)[:, None])
+        isolated = self._alone.render(part, color=True, channels=self._alone.depth_of(part)[:, None])
         share = in_scene.channels[..., 0]
         # Mean depths are compared, times both alphas, which may be 0.
-        farthest = (isolated.channels[..., 0] - self._occluder_distance * isolated.alpha) * in_scene.alpha
+        farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
         hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
-        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden
+        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated
 
 
 def _weighted(crops: Sequence[DetailCrop]) -> list[DetailCrop]:

@@ -93,6 +93,8 @@ class DetailCrop:
         Valid pixels to which the object contributes, and a margin.
     inside : array of shape [h, w], bool
         Valid pixels that the object alone must show as the photo does.
+    shown : array of shape [h, w], bool
+        Valid pixels in which the object alone is compared with the photo, `inside` among them.
     alpha : array of shape [h, w], float32
         Coverage that the object has alone.
     known : array of shape [h, w], bool
@@ -108,6 +110,7 @@ class DetailCrop:
     pixels: Pixels
     compared: Mask
     inside: Mask
+    shown: Mask
     alpha: Float32
     known: Mask
     gain: Float32
@@ -139,7 +142,7 @@ class DetailCrop:
         return replace(self, **arrays, camera=replace(self.camera, K=K, width=size[0], height=size[1]))
 
 
-_PICTURES = ("pixels", "compared", "inside", "alpha", "known")
+_PICTURES = ("pixels", "compared", "inside", "shown", "alpha", "known")
 
 
 @dataclass(frozen=True)
@@ -354,7 +357,7 @@ class _Limits:
 
 
 def detail_psnr(gaussians: Gaussians, crops: Sequence[DetailCrop], *, backend: Backend) -> float:
-    """Return the PSNR in dB of Gaussians alone over black, inside of the outlines of `crops`."""
+    """Return the PSNR in dB of Gaussians alone over black, where `crops` show them."""
     parameters = Parameters.from_gaussians(gaussians, sh_degree=gaussians.sh_degree, features=False)
     settings = RasterSettings(antialiased=gaussians.antialiased)
     total, count = 0.0, 0
@@ -365,6 +368,6 @@ def detail_psnr(gaussians: Gaussians, crops: Sequence[DetailCrop], *, backend: B
                 means, quats, scales, opacities, sh=sh, camera=crop.camera, backend=backend, settings=settings
             ).image.numpy()  # fmt: skip
             difference = np.clip(image * crop.gain, 0, 1) - crop.pixels / np.float32(255)
-            total += float(np.square(difference[crop.inside], dtype=np.float64).sum())
-            count += 3 * int(crop.inside.sum())
+            total += float(np.square(difference[crop.shown], dtype=np.float64).sum())
+            count += 3 * int(crop.shown.sum())
     return -10.0 * math.log10(max(total / max(count, 1), 1e-10))
