@@ -70,8 +70,9 @@ missing because the word did not find it.
 - A step compares a window of one photo with the object's Gaussians, drawn together with those of the rest of the scene,
   which are frozen: so background and occluders are explained. The loss is that of the scene, L1 and D-SSIM, with the
   photo's brightness factors, in the pixels to which the object contributes. The object alone on black is compared
-  with the photo too, inside of its outline, and its coverage with the share of each pixel that it has in the scene. Where it covers more than that and the photo has its
-  colours, it stays: others show there what it shows too. Else it is a spike or a veil, and goes.
+  with the photo too, inside of its outline, and its coverage with the share of each pixel that it has in the scene.
+  Where it covers more than that and has the photo's colours, it stays, because others show there what it shows too.
+  Else it is a spike or a veil, and goes.
 - Gaussians are split where the error of the object is, up to one for 8 pixels of its surface and six times as many as
   before. Each follows the Gaussian of the scene that it was split from, so *Threshold*, *Part to Whole*, corrections
   and edits by hand go on working. None may be a needle, reach far, or leave the object's box.

@@ -42,7 +42,7 @@ _OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
 """Distance in front of the object, in its radii, from which on other Gaussians hide it. What is closer is the wall or
 support that a Gaussian of the object reaches into."""
 
-_AGREEING = 0.1  # chosen on museum_room
+_AGREEING = 0.12  # chosen on museum_room
 """Largest mean difference between colours of the object alone and those of the photo, 0 to 1, at which they agree."""
 
 _RIM_SHARE = 1 / 300
@@ -183,8 +183,8 @@ def detail_object(
 
     Notes
     -----
-    Let s be the share of a pixel that the members contribute in the whole scene. The coverage that the object has alone
-    is (s - 0.3) / 0.4, clipped to [0, 1]; inside its outline it is 1. Where it covers more alone, and has the colours of
+    Let s be the share of a pixel that the members contribute in the whole scene. The coverage of the object alone is to
+    be (s - 0.3) / 0.4, clipped to [0, 1], and 1 inside its outline. Where it covers more alone, and has the colours of
     the photo there, it keeps that. Pixels in which other Gaussians are clearly in front of the object do not count.
     Colours come from the photos alone. The result is kept when it is better on photos that were left out. Figures:
     docs/detail.md.

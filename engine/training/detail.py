@@ -37,6 +37,9 @@ _COARSE = 0.25  # chosen on museum_room
 _COVERAGE_WEIGHT = 0.3  # chosen on museum_room
 """Weight of the coverage's L1 distance relative to the photometric loss."""
 
+_KEPT_WEIGHT = 1.0  # chosen on museum_room
+"""Weight of the coverage that is missing where the object keeps what others show as well."""
+
 _ALONE_WEIGHT = 1.0  # chosen on museum_room
 """Weight of the photometric loss of the object alone, inside of its outline, relative to that within the scene."""
 
@@ -302,8 +305,12 @@ def _step_loss(
         parts.append(_ALONE_WEIGHT * photometric_loss(alone.image * gain, target))
     known = torch.from_numpy(crop.known)
     if crop.known.any():
-        difference = (1 - alone.transmittance - torch.from_numpy(crop.alpha)).abs()
-        parts.append(_COVERAGE_WEIGHT * difference[known].mean())
+        difference = 1 - alone.transmittance - torch.from_numpy(crop.alpha)
+        parts.append(_COVERAGE_WEIGHT * difference.abs()[known].mean())
+        # Few pixels, from which the photometric loss would draw the object back: others explain them as well.
+        kept = crop.shown & ~crop.inside
+        if kept.any():
+            parts.append(_KEPT_WEIGHT * (-difference).clamp_min(0)[torch.from_numpy(kept)].mean())
     return (sum(parts[1:], parts[0]) if crop.compared.any() else None), channel
 
 
