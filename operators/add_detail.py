@@ -42,7 +42,7 @@ class HERITAGE_OT_add_detail(SegmentOperator):
         for edited in edited_objects(context.scene):
             if self.every or edited == obj:
                 raise ObjectError(f"{edited.name} was edited by hand. Store its edits first, or undo them.")
-        return ["--detail"] if self.every else [f"--detail={obj.heritage.object_id}"]
+        return ["--detail"] if self.every or obj is None else [f"--detail={obj.heritage.object_id}"]
 
 
 CLASSES = [HERITAGE_OT_add_detail]

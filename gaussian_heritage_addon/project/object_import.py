@@ -58,8 +58,8 @@ def _object_gaussians(
     gaussians, detailed = every[kept], load_detailed(project, item.id)
     if detailed is not None:
         # Several Gaussians of detail may stand in place of one, and share its row.
-        gaussians, source = detailed.with_detail(gaussians, rows)
-        rows = rows[source]
+        gaussians, places = detailed.with_detail(gaussians, rows)
+        rows = rows[places]
     return gaussians, rows, membership[rows]
 
 
