@@ -180,6 +180,22 @@ def test_selected_object_is_corrected(opened: Any, fake_engine: StandIn, draw: D
     assert {"refine": True} in [options for name, options in draw("HERITAGE_PT_objects").buttons if "click" in name]
 
 
+def test_detail_is_added_to_the_selected_object_or_to_all(opened: Any, fake_engine: StandIn, draw: Draw) -> None:
+    bpy.context.scene.heritage.active = -1
+    with pytest.raises(RuntimeError, match="Select an isolated object in the list first"):
+        bpy.ops.heritage.add_detail()
+    bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
+    buttons = [options for name, options in draw("HERITAGE_PT_objects").buttons if "add_detail" in name]
+    assert buttons == [{"every": False}, {"every": True}]
+    for every, words in ((False, ["--detail=vase"]), (True, ["--detail"])):
+        arguments = fake_engine("say('finished', outputs={'objects': ['vase']})")
+        assert bpy.ops.heritage.add_detail(every=every) == {"FINISHED"}
+        assert segment_arguments(arguments) == words
+    bpy.data.objects["Vase"].heritage.is_edited = True
+    with pytest.raises(RuntimeError, match="Vase was edited by hand"):
+        bpy.ops.heritage.add_detail()
+
+
 def test_preferred_sam_is_passed_only_where_it_is_used(opened: Any, fake_engine: StandIn, installed: str) -> None:
     arguments, preferences = fake_engine(REFINE), bpy.context.preferences.addons[installed].preferences
     preferences.sam = "sam-vit-h"
