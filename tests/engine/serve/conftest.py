@@ -140,7 +140,7 @@ def fake_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[st
         (folder / "__main__.py").write_text(FAKE_ENGINE + textwrap.dedent(end))
 
     make("say('finished', message='done', outputs={})")
-    monkeypatch.setattr(job_queue, "_ROOT", folder.parent)
+    monkeypatch.setattr(job_queue, "CODE_ROOT", folder.parent)
     return make
 
 
