@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from engine.project.objects import ObjectRecord, write_record
 from engine.serve.feeds import Feeds
 from tests.conftest import wait_until
 
@@ -298,7 +299,7 @@ def test_prompts_become_arguments(client: Client, project: str, wanted: dict[str
     (scene / "scene.ply").touch()
     record = client.folder(project) / "project" / "objects" / "vase" / "object.json"
     record.parent.mkdir(parents=True)
-    record.touch()
+    write_record(record, ObjectRecord("vase", "vase", {"kind": "click"}, 0.5, 1.0, 1.0, 3, 10), {})
     answer = client.http.post(f"{API}/projects/{project}/jobs", json={"kind": "segment", **wanted})
     assert answer.status_code == 202
     client.wait_for_job(project, "finished")
