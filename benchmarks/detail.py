@@ -58,7 +58,7 @@ _NEEDLE = 5.0
 
 _INTRODUCTION = """# Detail: objects before and after
 
-*Add Detail* (``python -m engine segment PROJECT --detail vase``) trains the Gaussians of an object further on the
+*Detail* (``python -m engine segment PROJECT --detail vase``) trains the Gaussians of an object further on the
 parts of the training photos that show it, at the photos' own resolution. The scene stays as it is.
 
 ![A vase in the scene, with detail, and in a test photo](pictures/detail.jpg)
