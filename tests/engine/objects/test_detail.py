@@ -189,7 +189,7 @@ def test_translucent_object_becomes_opaque_and_loses_its_spike(seen: Seen) -> No
     means[ball[0]] = means[ball].mean(axis=0) + (-0.5, 0.0, -0.4)
     log_scales[ball[0]], logits[ball[0]] = np.log([0.2, 0.2, 0.02]), 4.0
     spiked = replace(gaussians, means=means, log_scales=log_scales, opacity_logits=logits)
-    result = replace(seen, gaussians=spiked).detail()
+    result = replace(seen, gaussians=spiked).detail(settings=replace(SMALL, detail_steps=200))
     assert result.detailed is not None
     spike = seen.alone(spiked[ball[:1]], TEST_PHOTO)[1] > 0.5
     outside = spike & (cv2.dilate(seen.inside[TEST_PHOTO].astype(np.uint8), np.ones((15, 15))) == 0)
