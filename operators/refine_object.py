@@ -66,7 +66,7 @@ class HERITAGE_OT_refine_object(SegmentOperator):
                 raise ObjectError("Select an isolated object in the list first.")
             object_id = obj.heritage.object_id
         clicks = clicks_of(self)
-        # Without clicks, the engine only polishes the object at its level and loads no model.
+        # Without clicks, the engine only adds detail to the object at its level and loads no model.
         self.loads_sam = bool(clicks)
         return refine_arguments(object_id, clicks, self.level if self.level >= 0 else None)
 

@@ -4,7 +4,7 @@ Each table has its own command, which docs tell above it. This script runs them 
 they share, then the tables. Trainings and cameras of a stopped run are kept. Tables with a target of their own (`make
 test-rooms`, `fuzz`, `kills`, `hostile`, `stability`, `bench-raster`) are not among them. Standard library only.
 
-example: python scripts/make_tables.py --only words polished
+example: python scripts/make_tables.py --only words detail
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ def words() -> None:
         run(*_evaluate(scene, "better", "all"), "--doc", "docs/text_prompts.md")
 
 
-def polished() -> None:
-    """Objects before and after polishing: docs/polished_objects.md."""
-    document = "docs/polished_objects.md"
-    run("-m", "benchmarks.polished_objects", OUT / "museum_room" / "project", "--out", document)
+def detail() -> None:
+    """Objects before and after detail: docs/detail.md."""
+    document = "docs/detail.md"
+    run("-m", "benchmarks.detail", OUT / "museum_room" / "project", "--out", document)
     projects = []
     for archive in sorted(CHOOSING.glob("room_*.tar.xz")):
         room = archive.name.removesuffix(".tar.xz")
@@ -73,7 +73,7 @@ def polished() -> None:
         run("-m", "engine", "segment", folder / "project", "--prompt", ";".join(prompts))
         done.touch()
     title = ("--title", "choosing rooms")
-    run("-m", "benchmarks.polished_objects", *projects, "--steps", "0,200", *title, "--out", document)
+    run("-m", "benchmarks.detail", *projects, *title, "--out", document)
 
 
 def joint() -> None:
@@ -104,7 +104,7 @@ def _evaluate(scene: str, methods: str, kind: str) -> Sequence[str | Path]:
 
 
 TABLES: dict[str, Callable[[], None]] = {
-    "scenes": scenes, "masks": masks, "words": words, "polished": polished, "joint": joint, "bench": bench,
+    "scenes": scenes, "masks": masks, "words": words, "detail": detail, "joint": joint, "bench": bench,
 }  # fmt: skip
 
 

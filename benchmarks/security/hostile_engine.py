@@ -161,7 +161,7 @@ def main() -> int:
     root, embeddings, *numbers = sys.argv[1:]
     audited: list[str] = []
     shorten_stages()
-    few = {"polish_steps": 5, "n_text_views": 1, "n_crop_views": 1}
+    few = {"detail_steps": 5, "n_text_views": 1, "n_crop_views": 1}
     PRESETS[DEFAULT_PRESET] = replace(PRESETS[DEFAULT_PRESET], **few)  # type: ignore[arg-type]
     if not numbers:
         sandbox = Sandbox(Path(root))

@@ -113,7 +113,7 @@ a quarter of the trials this continuation is killed as well. Stages are short: f
 
 - **continued**: the same command, run again, ended with exit code 0.
 - **identical**: photos, poses, points, label maps, `scene.ply`, `features.npy`, PSNR, objects with memberships, levels
-  and polished Gaussians, or the exported file, have the same bytes as after an uninterrupted run, and the project has
+  and detailed Gaussians, or the exported file, have the same bytes as after an uninterrupted run, and the project has
   the same files.
 - **orphans**: processes that the engine had started and that still ran 5 s after its end.
 - **lost**: objects or files that existed before, or that an uninterrupted run has. **damaged**: files that cannot be

@@ -23,7 +23,7 @@ from engine.masks import read_label_map
 from engine.pipeline.stages import STAGES
 from engine.project.folder import PROJECT_FILE, ProjectFolder
 from engine.project.objects import list_objects, load_membership, load_record
-from engine.scene import load_polished, read_camera_set
+from engine.scene import load_detailed, read_camera_set
 from engine.training import load_gaussians
 
 __all__ = [
@@ -146,17 +146,17 @@ def _open_everything(project: Path) -> None:
 
 
 def objects_of(project: Path) -> dict[str, str]:
-    """Return a hash of each object by its id: memberships, levels, polished Gaussians, score and museum record."""
+    """Return a hash of each object by its id: memberships, levels, detailed Gaussians, score and museum record."""
     if not (project / "objects").is_dir():
         return {}
     found = {}
     for record in list_objects(project):
-        polished = load_polished(project, record.id)
+        detailed = load_detailed(project, record.id)
         levels = project / "objects" / record.id / "levels.npy"
         found[record.id] = _hash(
             load_membership(project, record.id),
             np.load(levels) if levels.is_file() else [],
-            [] if polished is None else [value for _, value in sorted(vars(polished).items())],
+            [] if detailed is None else [value for _, value in sorted(vars(detailed).items())],
             [record.score, record.fit, record.threshold, record.level, record.n_gaussians],
             load_record(project, record.id).as_dict(),
         )

@@ -309,15 +309,15 @@ def _read_scene(folder: Path) -> object:
     return load_gaussians(folder)
 
 
-def _write_polished(folder: Path) -> None:
-    from engine.scene import Polished, save_polished
+def _write_detail(folder: Path) -> None:
+    from engine.scene import Detailed, save_detailed
 
     write_object(folder, arrays=True)
-    gaussians = _gaussians()[slice(0, 2)]
-    save_polished(folder / "objects" / "vase", Polished(np.array([0, 1], np.int32), gaussians.means, gaussians))
+    gaussians, rows = _gaussians()[slice(0, 2)], np.array([0, 1], np.int32)
+    save_detailed(folder / "objects" / "vase", Detailed(rows, gaussians.means, rows, gaussians))
 
 
-def _read_polished(folder: Path) -> object:
+def _read_detail(folder: Path) -> object:
     from engine.project.objects import load_object, object_gaussians
 
     return object_gaussians(folder, load_object(folder, "vase"), _gaussians())
@@ -466,7 +466,7 @@ SCENE: tuple[Reader, ...] = (
     Reader("colmap-text", _write_text_model, _read_given, tuple(f"{name}.txt" for name in _MODEL), share=6.0),
     Reader("label-map", _write_label_map, _read_label_map, ("a.jpg.npz",)),
     Reader("scene", _write_scene, _read_scene, ("scene.ply", "features.npy"), share=2.0),
-    Reader("polished", _write_polished, _read_polished, ("objects/vase/polished.npz",), share=2.0),
+    Reader("detail", _write_detail, _read_detail, ("objects/vase/detail.npz",), share=2.0),
     Reader("hand-membership", _write_hand_membership, _read_hand_membership, ("membership.npy",)),
     Reader("measurement", _write_measurement, _load_measurement, ("measurement.json",)),
     Reader("ply", _write_ply, _read_ply, ("scene.ply",)),

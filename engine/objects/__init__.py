@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from .candidate_file import CANDIDATES, forget_candidates
     from .clicked import ClickMasks, click_masks
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
+    from .detail import DetailPhotos, DetailResult, detail_object
     from .graph import SceneGraph
     from .photos import Photos, SamFactory
-    from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, parse_point, parse_prompt
     from .segment import NoMatchError, find_everything, find_objects, mask_at
     from .segmenter import Segmenter
@@ -46,7 +46,9 @@ __all__ = [
     "parse_point",
     "parse_prompt",
     "photo_folder_of",
-    "polish",
+    "DetailPhotos",
+    "DetailResult",
+    "detail_object",
     "scene_on",
     "spread_cameras",
 ]

@@ -88,7 +88,7 @@ class SegmentationContext:
         """Return the context for step `number` of `count` equal ones, as the progress tells them."""
         return replace(self, emit=part_of(self.emit, number, count))
 
-    def tell(self, fraction: float, message: str) -> None:
+    def tell(self, fraction: float, message: str, seconds_left: float | None = None) -> None:
         """Emit the progress.
 
         Parameters
@@ -96,13 +96,15 @@ class SegmentationContext:
         fraction : float
             0 to 1.
         message : str
+        seconds_left : float or None
+            None where it is not known.
 
         Raises
         ------
         Cancelled
             When the user stops.
         """
-        self.emit(Progress("objects", fraction, message=message))
+        self.emit(Progress("objects", fraction, seconds_left=seconds_left, message=message))
         self.check_stop()
 
     def check_stop(self) -> None:

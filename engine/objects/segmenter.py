@@ -23,6 +23,7 @@ from ..project.objects import (
     PICTURE_FILE,
     ObjectRecord,
     delete_object,
+    detail_of,
     keep_version,
     list_objects,
     load_levels,
@@ -36,13 +37,13 @@ from ..project.objects import (
 )
 from ..project.provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
-from ..scene import Camera, PinholeCamera, Polished
+from ..scene import Camera, PinholeCamera, load_detailed
 from .candidate_file import cut_out, forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
+from .detail import DetailPhotos, DetailResult, detail_object
 from .evidence import evidence_of_clicks, find_evidence, meant_by
 from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
-from .polishing import polish
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings
@@ -269,7 +270,9 @@ class Segmenter:
         return self._replace(changed, membership, why="corrected")
 
     def choose_level(self, name: str, level: int) -> ObjectRecord:
-        """Replace a stored object by its level number `level`; 0 is the smallest part.
+        """Replace a stored object by its level number `level`, with detail from the photos; 0 is the smallest part.
+
+        An object without levels has level 0 alone.
 
         Raises
         ------
@@ -281,20 +284,79 @@ class Segmenter:
         if not 0 <= level < len(levels):
             available = "only one level" if len(levels) == 1 else f"levels 0 to {len(levels) - 1}"
             raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
-        if not record.levels:
-            return record
         membership_in(self.project.path, record, len(self.context.means))
-        return self._replace(replace(record, level=level), levels[level], levels=list(levels), why="another level")
+        kept = list(levels) if record.levels else []
+        return self._keep(self.context, replace(record, level=level), levels[level], kept, "another level")
 
-    def _replace(
-        self, record: ObjectRecord, membership: Float32, *, levels: Sequence[Float32] = (), why: str
+    def detail(self, names: Sequence[str] = ()) -> list[ObjectRecord]:
+        """Give stored objects detail from the photos, one after the other, and return their records.
+
+        What was stored before a cancel stays. An object with the detail of its present Gaussians is not detailed again.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names or ids; empty for every object but the background.
+
+        Raises
+        ------
+        ObjectError
+            When there is no such object or none at all, it is the background, or belongs to an earlier training.
+        """
+        path = self.project.path
+        records = [load_object(path, name) for name in names] or [
+            one for one in list_objects(path) if one.prompt.get("kind") != BACKGROUND
+        ]
+        if not records:
+            raise ObjectError("This scene has no objects yet. Isolate one first.")
+        for record in records:
+            if record.prompt.get("kind") == BACKGROUND:
+                raise ObjectError(f"{record.name!r} is the background, which has no detail. Name an object.")
+            membership_in(path, record, len(self.context.means))
+        detailed = []
+        for number, record in enumerate(records):
+            context = self.context.part(number, len(records))
+            membership = load_membership(path, record.id)
+            levels = load_levels(path, record.id) if record.levels else ()
+            detailed.append(self._keep(context, record, membership, list(levels), "detailed"))
+        return detailed
+
+    def _keep(
+        self,
+        context: SegmentationContext,
+        record: ObjectRecord,
+        membership: Float32,
+        levels: Sequence[Float32],
+        why: str,
     ) -> ObjectRecord:
-        """Store a changed object, polished. The old one is copied to the trash, whose list says `why`."""
-        members = membership >= record.threshold
-        (polished,) = self._polished(self.context, [members])
+        """Store an object with detail from the photos. The old one is copied to the trash, whose list says `why`."""
+        members, path = membership >= record.threshold, self.project.path
+        known = load_detailed(path, record.id)
+        if known is not None and np.array_equal(known.rows, np.flatnonzero(members)):
+            result = DetailResult(known, dict(record.detail or {}))
+            if record == load_object(path, record.id):
+                return record
+        else:
+            message = f"Detailing {record.name}"
+            context.tell(0.0, message)
+            result = detail_object(
+                context.views, DetailPhotos.of(self.project), members, self.settings, should_stop=context.should_stop,
+                tell=lambda done, left: context.tell(done, message, left),
+            )  # fmt: skip
+            context.tell(1.0, f"{record.name}: {result.sentence}")
         keep_version(self.project, record.id, why=why)
-        changed = replace(record, n_gaussians=int(members.sum()))
-        save_object(self.project.path, changed, membership, levels=levels, polished=polished)
+        changed = replace(record, n_gaussians=int(members.sum()), detail=result.record)
+        save_object(path, changed, membership, levels=levels, detailed=result.detailed)
+        return changed
+
+    def _replace(self, record: ObjectRecord, membership: Float32, *, why: str) -> ObjectRecord:
+        """Store a changed object, with the detail of what it keeps. The old one is copied to the trash."""
+        members = membership >= record.threshold
+        detailed = detail_of(load_detailed(self.project.path, record.id), members)
+        keep_version(self.project, record.id, why=why)
+        kept = None if detailed is None else record.detail
+        changed = replace(record, n_gaussians=int(members.sum()), detail=kept)
+        save_object(self.project.path, changed, membership, detailed=detailed)
         return changed
 
     def segment_everything(self) -> tuple[list[ObjectRecord], list[str], ObjectRecord]:
@@ -365,21 +427,19 @@ class Segmenter:
         name: str,
         started: float,
     ) -> list[ObjectRecord]:
-        """Polish objects, store each under a name of its own and return their records.
+        """Store objects, each under a name of its own, and return their records.
 
         One without an id that has exactly the Gaussians of a stored object is that object.
         """
         names = {record.id: record.name for record in list_objects(self.project.path)}
         existing = [None if item.id else self._same_as(item.members, asked) for item in found]
-        # All objects are polished before the first is stored, so that a cancelled prompt stores none.
-        each = iter(self._polished(context, [new.members for new, old in zip(found, existing, strict=True) if not old]))
+        context.tell(1.0, "Storing")
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:
                 self.emit(Warned(_found_again(item.name or name, same, int(item.members.sum()))))
                 records.append(same)
                 continue
-            polished = next(each)
             record = self._record(item, asked, item.name or name, started)
             if item.id:
                 record = replace(record, id=item.id, name=names.get(item.id, record.name))
@@ -391,7 +451,7 @@ class Segmenter:
                     # A name that may be wrong is shown beside what it names.
                     pictures[PICTURE_FILE] = encode_png(cut_out(context.photos.pixels(best.view.camera), mask))
             levels = item.levels.memberships
-            save_object(self.project.path, record, item.membership, levels=levels, polished=polished, pictures=pictures)
+            save_object(self.project.path, record, item.membership, levels=levels, pictures=pictures)
             records.append(record)
         return records
 
@@ -415,13 +475,6 @@ class Segmenter:
             if is_same(membership >= DEFAULT_THRESHOLD, members):
                 return object_id
         return None
-
-    def _polished(self, context: SegmentationContext, members: Sequence[Mask]) -> list[Polished | None]:
-        polished = []
-        for done, each in enumerate(members, start=1):
-            polished.append(polish(context.views, each, self.settings, should_stop=context.should_stop))
-            context.tell(done / len(members), "Polishing")
-        return polished
 
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
         """Return the record of a new object, with an id and a name that no other object of the project has."""

@@ -30,8 +30,7 @@ class SegmentSettings:
     render_side : int
         Longer side, in pixels, of the views in which features are read and votes are counted.
     n_vote_views : int
-        Photos whose segments are in the graph of the scene (`engine.objects.graph`) and are proposals; views in which
-        an object is polished.
+        Photos whose segments are in the graph of the scene (`engine.objects.graph`) and are proposals.
     strictness : float
         Weight of a pixel beside the object relative to one inside of it (`SceneGraph.solve`), above 0: smaller values
         give larger objects.
@@ -44,9 +43,9 @@ class SegmentSettings:
         scores, it is the likeliest whole one.
     max_objects : int
         Objects that one text names.
-    polish_steps : int
-        Training steps in which the Gaussians of an object are polished alone before it is stored
-        (`engine.objects.polishing`); 0 keeps them as they are in the scene.
+    detail_steps : int
+        Training steps on the photos, at their own resolution, when detail is asked for an object
+        (`engine.objects.detail`); 0 keeps it as it is in the scene.
     """
 
     n_text_views: int = 8  # chosen on museum_room
@@ -60,7 +59,7 @@ class SegmentSettings:
         0.92  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms, museum_room
     )
     max_objects: int = 8
-    polish_steps: int = 200  # chosen on museum_room
+    detail_steps: int = 1500  # chosen on museum_room
 
     def __post_init__(self) -> None:
         for name in ("n_text_views", "n_vote_views", "n_crop_views", "max_objects"):
@@ -70,7 +69,7 @@ class SegmentSettings:
         for name in ("least_score", "relative_score"):
             require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "strictness", self.strictness > 0, "above 0")
-        require(self, "polish_steps", self.polish_steps >= 0, "at least 0")
+        require(self, "detail_steps", self.detail_steps >= 0, "at least 0")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +105,7 @@ BETTER = SegmentSettings()
 
 PAPER = PaperSettings(
     relative_score=0.6,  # chosen on museum_room
-    polish_steps=0,
+    detail_steps=0,
     cosine=INSTANCE_COSINE,
     erode_pixels=2,  # chosen on museum_room
     outlier_iqr=1.0,  # Ye et al. 2024

@@ -8,6 +8,7 @@ from __future__ import annotations
 from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera
 from .camera_health import CameraHealth
 from .camera_storage import camera_problem, read_camera_set, write_camera_set
+from .detailed import Detailed, load_detailed, save_detailed
 from .extents import box_of, far_gaussians, foot_of
 from .framing import looked_at
 from .gaussians import FEATURE_DIM, Gaussians
@@ -17,7 +18,6 @@ from .measurement_storage import delete_measurement, load_measurement, save_meas
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_names import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES, NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
-from .polished import Polished, load_polished, save_polished
 from .rays import RayCaster, RayHits, photo_ray, surface_point
 
 __all__ = [
@@ -41,7 +41,7 @@ __all__ = [
     "PhotoSet",
     "PinholeCamera",
     "Point",
-    "Polished",
+    "Detailed",
     "RayCaster",
     "RayHits",
     "RejectedPhoto",
@@ -54,7 +54,7 @@ __all__ = [
     "foot_of",
     "lens_pixels",
     "load_measurement",
-    "load_polished",
+    "load_detailed",
     "looked_at",
     "match_names",
     "measurement_problem",
@@ -64,7 +64,7 @@ __all__ = [
     "read_camera_set",
     "read_photo_set",
     "save_measurement",
-    "save_polished",
+    "save_detailed",
     "surface_point",
     "write_camera_set",
     "write_photo_set",

@@ -29,8 +29,17 @@ _STOP_SECONDS = 30.0
 """Time that a job has to save its work when the server ends; compose.yaml allows for it."""
 _ON_CLUSTER = 8
 """Jobs that a cluster gets at a time, each of another project: some 100 MB of memory each on the server."""
-_LABELS = {"--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}"}
-_WORDS = {"--all": "Find all objects", "--complement": "Isolate the background"}
+_LABELS = {
+    "--prompt": "Isolate {}",
+    "--refine": "Correct {}",
+    "--accept": "Isolate candidate {}",
+    "--detail": "Add detail to {}",
+}
+_WORDS = {
+    "--detail": "Add detail to all objects",
+    "--all": "Find all objects",
+    "--complement": "Isolate the background",
+}
 _STOPPED = "What is computed so far is kept. Continue goes on from there."
 _CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment": ("objects",)}
 """What of a project a finished job of each kind has changed."""
@@ -351,7 +360,7 @@ def _label(kind: str, words: Sequence[str]) -> str:
         return f"Take photos from {Path(words[1]).name}"
     for word in words:
         option, _, value = word.partition("=")
-        if option in _LABELS:
+        if option in _LABELS and value:
             return _LABELS[option].format(value)
         if option in _WORDS:
             return _WORDS[option]

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .compilation import compile_kernels
     from .coverage import WELL_SEEN, Coverage
+    from .detail import DetailCrop, DetailPlan, detail_psnr, train_detail
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
     from .losses import Target, photometric_loss, ssim
     from .overrides import read_overrides
     from .parameters import Parameters, render
-    from .polishing import AloneTarget, train_alone
     from .quality import gaussians_so_far, measure_quality
     from .result import TrainingResult
     from .scene_files import FEATURES_FILE, SCENE_FILE, load_features, load_gaussians, save_gaussians
@@ -39,7 +39,8 @@ __all__ = [
     "CHECKPOINT_FILE",
     "WELL_SEEN",
     "AdamState",
-    "AloneTarget",
+    "DetailCrop",
+    "DetailPlan",
     "Coverage",
     "Parameters",
     "Schedule",
@@ -50,6 +51,7 @@ __all__ = [
     "background_gaussians",
     "compile_kernels",
     "delete_old_runs",
+    "detail_psnr",
     "gaussians_so_far",
     "is_held_out",
     "key_values",
@@ -65,7 +67,7 @@ __all__ = [
     "ssim",
     "start_gaussians",
     "train",
-    "train_alone",
+    "train_detail",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -198,6 +198,9 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column.operator("heritage.solo_object", icon="SOLO_ON")
     if properties.kind != "background":
         column.operator("heritage.click_object", text="Correct by Clicks", icon="EYEDROPPER").refine = True
+        row = column.row(align=True)
+        row.operator("heritage.add_detail", text="Detail", icon="TEXTURE").every = False
+        row.operator("heritage.add_detail", text="All Objects").every = True
         if properties.kind == "text":
             _draw_likeness(column, properties)
     for name in ("catalogue_number", "title", "rights", "notes"):

@@ -120,6 +120,11 @@ def take_vertices(obj: bpy.types.Object, vertices: NDArray[np.integer]) -> int:
     membership = np.ones(len(obj.data.vertices), np.float32) if membership is None else membership
     threshold = np.float32(obj.heritage.threshold)
     before = membership >= threshold
+    # Where detail was added, several Gaussians stand for one of the scene: they leave together, as they are stored.
+    rows = splats.index(scene_count(obj))
+    vertices = np.flatnonzero(
+        np.isin(rows, rows[vertices][rows[vertices] >= 0]) | np.isin(np.arange(len(rows)), vertices)
+    )
     after = before.copy()
     after[vertices] = False
     if not after.any():

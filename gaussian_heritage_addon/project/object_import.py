@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...engine.core.files import path_within
 from ...engine.project.content import ProjectObject
 from ...engine.project.objects import load_level, load_membership, load_record, require_intact, state_of
-from ...engine.scene import Gaussians, load_polished
+from ...engine.scene import Gaussians, load_detailed
 from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import COUNT_KEY, HeritageObject, loading, scene_count
 from ..splats.splats import SplatScene
@@ -55,8 +55,12 @@ def _object_gaussians(
         is_member[kept] = highest_membership[index[kept]] >= item.threshold
         kept &= near_object(every.means, is_member)
     rows = index[kept]
-    gaussians, polished = every[kept], load_polished(project, item.id)
-    return gaussians if polished is None else polished.with_polished(gaussians, rows), rows, membership[rows]
+    gaussians, detailed = every[kept], load_detailed(project, item.id)
+    if detailed is not None:
+        # Several Gaussians of detail may stand in place of one, and share its row.
+        gaussians, places = detailed.with_detail(gaussians, rows)
+        rows = rows[places]
+    return gaussians, rows, membership[rows]
 
 
 def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:

@@ -229,8 +229,8 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
     Notes
     -----
     Each object gets a copy of all Gaussians of the scene that any of its levels needs, and stands on its origin. The
-    sliders then only change which of them are drawn and exported. Gaussians that the engine has polished, those of the
-    object at its stored level and threshold, are imported in their polished form, except where they were moved by hand.
+    sliders then only change which of them are drawn and exported. Gaussians that the engine has given detail, those of
+    the object at its stored level and threshold, are imported with it, except where they were moved by hand.
     All others are copied from the scene with its edits.
     """
     present = _shown_objects(scene, project)

@@ -23,7 +23,7 @@ DOCUMENTS = (
     "text_prompts.md",
     "error_vs_time.md",
     "training_on_cards.md",
-    "polished_objects.md",
+    "detail.md",
     "rasterizer_speed.md",
 )
 """Documents with measured quality or speed in `docs`."""

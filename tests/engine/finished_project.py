@@ -8,7 +8,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from engine.photos import inspect_photos, read_photos
 from engine.photos.settings import PhotoSettings
 from engine.project.folder import ProjectFolder
 from engine.project.objects import MuseumRecord, ObjectRecord, save_object, save_record
-from engine.scene import Gaussians, Polished, write_camera_set, write_photo_set
+from engine.scene import Detailed, Gaussians, write_camera_set, write_photo_set
 from engine.training import save_gaussians
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 
@@ -156,5 +156,5 @@ def _write_object(project: Path, name: str, prompt: dict[str, Any], gaussians: G
     )  # fmt: skip
     rows = np.arange(first, first + 9, dtype=np.int32)
     own = gaussians[rows]
-    polished = Polished(rows, own.means, Gaussians(own.means, own.log_scales, own.quats, own.opacity_logits, own.sh))
-    save_object(project, record, levels[1], levels=list(levels), polished=polished)
+    detailed = Detailed(rows, own.means, rows, replace(own, features=None))
+    save_object(project, record, levels[1], levels=list(levels), detailed=detailed)

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--level", action="append", default=[], metavar="ID=K",
-        help="use this level of an object, 0 for the smallest part, without polishing it",
+        help="use this level of an object, 0 for the smallest part, without adding detail",
     )  # fmt: skip
     parser.add_argument("--rename", action="append", default=[], metavar="ID=NAME", help="give an object another name")
     parser.add_argument("--delete", action="append", default=[], metavar="ID", help="move an object to the trash")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import PromptError, SettingsError
-from ...core.events import Emit, Finished, StopCheck
+from ...core.events import Emit, Finished, StopCheck, Warned
 from ...core.words import split_texts
 from ...objects import parse_point, parse_prompt
 from ...objects.settings import DEFAULT_PRESET, PRESETS
@@ -55,6 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     action.add_argument(
         "--refine", metavar="OBJECT", help="correct this object: --click adds, --not removes, --level selects a level"
     )
+    action.add_argument(
+        "--detail", nargs="*", metavar="OBJECT",
+        help="train these objects, or all, on the photos at their own resolution; the scene stays as it is",
+    )  # fmt: skip
     parser.add_argument(
         "--not", dest="excluded", action="append", default=[], metavar="PHOTO=x,y",
         help="a pixel that does not belong to the object; may be repeated",
@@ -93,13 +97,15 @@ def _action(options: argparse.Namespace) -> str:
         "complement": options.complement,
         "accept": options.accept is not None,
         "refine": options.refine is not None,
+        "detail": options.detail is not None,
     }
     if given["refine"] and options.box is None and options.mask is None:
         given["pointed"] = False
     actions = [name for name, is_given in given.items() if is_given]
     if len(actions) != 1:
         raise SettingsError(
-            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept and --refine."
+            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept, --refine and "
+            "--detail."
         )
     action = actions[0]
     if options.excluded and action not in ("pointed", "refine"):
@@ -108,7 +114,7 @@ def _action(options: argparse.Namespace) -> str:
         raise SettingsError("--level requires --refine.")
     if options.seen_from is not None and action != "prompt":
         raise SettingsError("--seen-from requires --prompt.")
-    if options.name is not None and action in ("all", "complement", "refine"):
+    if options.name is not None and action in ("all", "complement", "refine", "detail"):
         raise SettingsError(f"--name cannot be combined with --{action}.")
     return action
 
@@ -198,6 +204,19 @@ def _refine(
     return f"{record.name} has {record.n_gaussians:,} Gaussians now.", _outputs([record], segmenter)
 
 
+def _detail(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    segmenter = _segmenter(project, options, emit, should_stop)
+    records = segmenter.detail(options.detail)
+    gained = [one.name for one in records if one.detail is not None and one.detail["kept"]]
+    message = f"Detail from the photos: {', '.join(gained) or 'no object gained by it'}."
+    for one in records:
+        if one.detail is not None and not one.detail["kept"]:
+            emit(Warned(f"{one.name!r} stays as it is in the scene: {one.detail['why']}."))
+    return message, {**_outputs(records, segmenter), "detail": {one.id: one.detail for one in records}}
+
+
 def _complement(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
@@ -222,6 +241,7 @@ _ACTIONS = {
     "complement": _complement,
     "accept": _accept,
     "refine": _refine,
+    "detail": _detail,
 }
 
 

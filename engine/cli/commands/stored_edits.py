@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.arrays import Float32
 from ...core.errors import ObjectError
@@ -18,6 +17,7 @@ from ...project.folder import ProjectFolder
 from ...project.objects import (
     ObjectRecord,
     delete_object,
+    detail_of,
     keep_version,
     list_objects,
     load_levels,
@@ -29,7 +29,7 @@ from ...project.objects import (
     save_object,
     taken_ids,
 )
-from ...scene import Polished, load_polished
+from ...scene import load_detailed
 
 __all__ = ["BY_HAND", "read_membership", "store_edits"]
 
@@ -165,18 +165,11 @@ def _replace(
     project: ProjectFolder, record: ObjectRecord, membership: Float32, *, why: str, levels: Sequence[Float32] = ()
 ) -> None:
     """Store an object in place of the present one, a copy of which goes to the trash."""
-    polished, members = load_polished(project.path, record.id), membership >= np.float32(record.threshold)
+    members = membership >= np.float32(record.threshold)
+    detailed = detail_of(load_detailed(project.path, record.id), members)
     keep_version(project, record.id, why=why)
-    kept = None if polished is None else _those_of(polished, members)
-    save_object(project.path, record, membership, levels=levels, polished=kept)
-
-
-def _those_of(polished: Polished, members: NDArray[np.bool_]) -> Polished | None:
-    """Return the polished Gaussians of those that are still members; those that were added have trained values."""
-    kept = members[polished.rows]
-    if not kept.any():
-        return None
-    return Polished(polished.rows[kept], polished.trained_means[kept], polished.gaussians[kept])
+    record = replace(record, detail=None if detailed is None else record.detail)
+    save_object(project.path, record, membership, levels=levels, detailed=detailed)
 
 
 def _new(object_id: str, membership: Float32, threshold: float) -> ObjectRecord:

@@ -6,10 +6,10 @@ Standard library and NumPy only: Blender reads them, too.
 from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
 from .object_record import (
     COMPUTED_FILES,
+    DETAIL_FILE,
     LEVELS_FILE,
     MEMBERSHIP_FILE,
     PICTURE_FILE,
-    POLISHED_FILE,
     RECORD_FILE,
     ObjectRecord,
     new_id,
@@ -21,6 +21,7 @@ from .object_record import (
 )
 from .state_digest import UNREADABLE, object_states, state_of
 from .storage import (
+    detail_of,
     forget_unreadable_record,
     is_object_intact,
     load_level,
@@ -35,6 +36,7 @@ from .stored_objects import list_objects, load_object, object_ids, taken_ids
 from .trash import bring_back, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
 
 __all__ = [
+    "detail_of",
     "COMPUTED_FILES",
     "LEVELS_FILE",
     "MEMBERSHIP_FILE",
@@ -42,7 +44,7 @@ __all__ = [
     "MuseumRecord",
     "ObjectRecord",
     "PICTURE_FILE",
-    "POLISHED_FILE",
+    "DETAIL_FILE",
     "RECORD_FILE",
     "UNREADABLE",
     "bring_back",

@@ -18,7 +18,7 @@ __all__ = [
     "COMPUTED_FILES",
     "LEVELS_FILE",
     "MEMBERSHIP_FILE",
-    "POLISHED_FILE",
+    "DETAIL_FILE",
     "PICTURE_FILE",
     "RECORD_FILE",
     "ObjectRecord",
@@ -31,8 +31,8 @@ __all__ = [
 ]
 
 RECORD_FILE = "object.json"
-MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE = "membership.npy", "levels.npy", "polished.npz"
-COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, POLISHED_FILE)
+MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE = "membership.npy", "levels.npy", "detail.npz"
+COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE)
 """Files of an object whose size and hash are in its record."""
 PICTURE_FILE = "picture.png"
 """A picture of an object with an unsure name on a photo; only such objects have it."""
@@ -56,6 +56,7 @@ _SCHEMA: Schema = {
     "level": optional(int),
     "levels": optional([{"n_gaussians": int}]),
     "refined": optional([{"clicks": optional(_POINTS), "not": optional(_POINTS)}]),
+    "detail": optional((dict, None)),
     "files": {str: FILE_RECORD},
     "run": optional((RUN, None)),
 }
@@ -98,6 +99,8 @@ class ObjectRecord:
         Versions from part to whole, each contained in the next: ``n_gaussians``. Empty when there is only one.
     refined : tuple of dict
         Later corrections, oldest first: ``clicks`` and ``not``, lists of ``photo``, ``x``, ``y``.
+    detail : dict or None
+        What detailing it came to, see `engine.objects.detail.DetailResult`; None where it was not asked for.
     run : dict or None
         What ran, see `engine.project.provenance.describe_run`; None where it is not known.
     """
@@ -117,6 +120,7 @@ class ObjectRecord:
     level: int = 0
     levels: tuple[dict[str, Any], ...] = ()
     refined: tuple[dict[str, Any], ...] = ()
+    detail: dict[str, Any] | None = None
     run: dict[str, Any] | None = None
 
 

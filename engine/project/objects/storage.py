@@ -1,4 +1,4 @@
-"""Objects on disk: ``objects/<id>/`` with the record, the membership, levels, polished Gaussians and previews.
+"""Objects on disk: ``objects/<id>/`` with the record, the membership, levels, detailed Gaussians and previews.
 
 The record holds size and SHA-256 of the computed files, which are checked when they are read; pictures, and the museum
 record that the user writes, are not among them. Functions that read an object raise `ObjectError` when there is none,
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.arrays import Float32
+from ...core.arrays import Float32, Mask
 from ...core.errors import FormatError, HeritageError, ObjectError
 from ...core.files import (
     ArraySpec,
@@ -25,12 +25,12 @@ from ...core.files import (
     record_of,
     replace_together,
 )
-from ...scene import Gaussians, Polished, load_polished, save_polished
+from ...scene import Detailed, Gaussians, load_detailed, save_detailed
 from .object_record import (
     COMPUTED_FILES,
+    DETAIL_FILE,
     LEVELS_FILE,
     MEMBERSHIP_FILE,
-    POLISHED_FILE,
     RECORD_FILE,
     ObjectRecord,
     read_record,
@@ -39,6 +39,7 @@ from .object_record import (
 )
 
 __all__ = [
+    "detail_of",
     "forget_unreadable_record",
     "is_object_intact",
     "load_level",
@@ -59,7 +60,7 @@ def save_object(
     membership: Float32,
     *,
     levels: Sequence[Float32] = (),
-    polished: Polished | None = None,
+    detailed: Detailed | None = None,
     pictures: Mapping[str, bytes] | None = None,
 ) -> None:
     """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
@@ -72,8 +73,8 @@ def save_object(
         0 to 1.
     levels : sequence of arrays of shape [N], float32
         Those of `record.levels`, 0 to 1.
-    polished : Polished or None
-        Stored levels and polished Gaussians are deleted when none are given.
+    detailed : Detailed or None
+        Stored levels and detailed Gaussians are deleted when none are given.
     pictures : mapping of str to bytes, optional
         Files of pictures by name.
 
@@ -87,8 +88,8 @@ def save_object(
             if len(values):
                 with atomic_write(new / name) as stream:
                     np.save(stream, np.asarray(values, np.float32), allow_pickle=False)
-        if polished is not None:
-            save_polished(new, polished)
+        if detailed is not None:
+            save_detailed(new, detailed)
         for name, picture in (pictures or {}).items():
             with atomic_write(new / name) as stream:
                 stream.write(picture)
@@ -170,7 +171,7 @@ def _require_count(project: Path, object_id: str, found: int, count: int | None)
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
-    """Return an object for export: its Gaussians among the scene's, polished.
+    """Return an object for export: its Gaussians among the scene's, detailed where they are.
 
     Raises
     ------
@@ -178,9 +179,17 @@ def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) 
         When the object belongs to an earlier training of the scene.
     """
     rows = np.flatnonzero(membership_in(project, record, len(gaussians)) >= record.threshold)
-    require_intact(project, record.id, POLISHED_FILE)
-    polished = load_polished(project, record.id)
-    return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)
+    require_intact(project, record.id, DETAIL_FILE)
+    detailed = load_detailed(project, record.id)
+    return gaussians[rows] if detailed is None else detailed.with_detail(gaussians[rows], rows)[0]
+
+
+def detail_of(detailed: Detailed | None, members: Mask) -> Detailed | None:
+    """Return the detail of those that are still members, bool [N]; those that were added stay as in the scene."""
+    if detailed is None:
+        return None
+    kept = members[detailed.rows]
+    return detailed.of(kept) if kept.any() else None
 
 
 def forget_unreadable_record(project: Path, object_id: str) -> None:
@@ -196,7 +205,7 @@ def is_object_intact(project: Path, object_id: str) -> bool:
     try:
         require_intact(project, object_id)
         if not recorded_files(object_file(project, object_id, RECORD_FILE)):
-            for load in (load_levels, load_membership, load_polished):
+            for load in (load_levels, load_membership, load_detailed):
                 load(project, object_id)
     except HeritageError:
         return False

@@ -55,7 +55,10 @@ class Frames(BaseModel):
 
 
 class Segmentation(BaseModel):
-    """A scene to objects, by exactly one of prompt, clicks, find_all, background and accept."""
+    """A scene to objects, by exactly one of prompt, clicks, find_all, background, accept and detail.
+
+    `detail` is for `object`, or for all objects without one.
+    """
 
     kind: Literal["segment"]
     prompt: Line = ""
@@ -64,6 +67,7 @@ class Segmentation(BaseModel):
     object: Line = Field(default="", max_length=300)
     find_all: bool = False
     background: bool = False
+    detail: bool = False
     accept: int | None = Field(default=None, ge=0, le=1000)
 
 
@@ -112,9 +116,9 @@ def _reconstruction(project: WebProject, wanted: Reconstruction, settings: Serve
 def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSettings) -> list[str]:
     if not has_scene(project):
         raise ProjectError("The scene is not reconstructed yet.")
-    ways = [bool(wanted.prompt.strip()), bool(wanted.clicks), wanted.find_all, wanted.background]
+    ways = [bool(wanted.prompt.strip()), bool(wanted.clicks), wanted.find_all, wanted.background, wanted.detail]
     if sum(ways) + (wanted.accept is not None) != 1:
-        raise SettingsError("Give exactly one of prompt, clicks, find_all, background and accept.")
+        raise SettingsError("Give exactly one of prompt, clicks, find_all, background, accept and detail.")
     if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
         raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
     return ["segment", str(project.project), *_prompt(project, wanted), *_device(settings)]
@@ -130,6 +134,8 @@ def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
         return ["--all"]
     if wanted.background:
         return ["--complement"]
+    if wanted.detail:
+        return [f"--detail={_known_object(project, wanted.object)}"] if wanted.object else ["--detail"]
     if wanted.accept is not None:
         return [f"--accept={wanted.accept}"]
     if wanted.prompt.strip():
@@ -140,7 +146,11 @@ def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
             raise PromptError(f"There is no photo {click.photo!r}.")
     clicks = [Click(one.photo, one.x, one.y, one.wanted) for one in wanted.clicks]
     if wanted.object:
-        if not object_file(project.project, wanted.object, RECORD_FILE).is_file():
-            raise PromptError("There is no such object.")
-        return refine_arguments(wanted.object, clicks)
+        return refine_arguments(_known_object(project, wanted.object), clicks)
     return click_arguments(clicks, name)
+
+
+def _known_object(project: WebProject, object_id: str) -> str:
+    if not object_file(project.project, object_id, RECORD_FILE).is_file():
+        raise PromptError("There is no such object.")
+    return object_id

@@ -146,7 +146,7 @@ def header_of(shape: str) -> bytes:
 
 SCENE, CAMERAS, POINTS = "gaussians/scene.ply", "cameras/cameras.json", "cameras/points.npz"
 OBJECT, MEMBERSHIP, RECORD = "objects/vase/object.json", "objects/vase/membership.npy", "objects/vase/record.json"
-POLISHED = "objects/vase/polished.npz"
+DETAIL = "objects/vase/detail.npz"
 PROJECTS: dict[str, Damage] = {
     "no scene": lambda project: (project / SCENE).unlink(),
     "scene cut": cut(SCENE),
@@ -204,8 +204,8 @@ PROJECTS: dict[str, Damage] = {
     "membership is a pipe": pipe(MEMBERSHIP),
     "record damaged": write(RECORD, '{"version": 1, "title": ['),
     "record with a list as title": write(RECORD, '{"version": 1, "title": []}'),
-    "polished cut": write(POLISHED, b"PK\x03\x04"),
-    "polished is no archive": write(POLISHED, header_of("(1,)")),
+    "detail cut": write(DETAIL, b"PK\x03\x04"),
+    "detail is no archive": write(DETAIL, header_of("(1,)")),
 }
 
 

@@ -180,6 +180,22 @@ def test_selected_object_is_corrected(opened: Any, fake_engine: StandIn, draw: D
     assert {"refine": True} in [options for name, options in draw("HERITAGE_PT_objects").buttons if "click" in name]
 
 
+def test_detail_is_added_to_the_selected_object_or_to_all(opened: Any, fake_engine: StandIn, draw: Draw) -> None:
+    bpy.context.scene.heritage.active = -1
+    with pytest.raises(RuntimeError, match="Select an isolated object in the list first"):
+        bpy.ops.heritage.add_detail()
+    bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
+    buttons = [options for name, options in draw("HERITAGE_PT_objects").buttons if "add_detail" in name]
+    assert buttons == [{"every": False}, {"every": True}]
+    for every, words in ((False, ["--detail=vase"]), (True, ["--detail"])):
+        arguments = fake_engine("say('finished', outputs={'objects': ['vase']})")
+        assert bpy.ops.heritage.add_detail(every=every) == {"FINISHED"}
+        assert segment_arguments(arguments) == words
+    bpy.data.objects["Vase"].heritage.is_edited = True
+    with pytest.raises(RuntimeError, match="Vase was edited by hand"):
+        bpy.ops.heritage.add_detail()
+
+
 def test_preferred_sam_is_passed_only_where_it_is_used(opened: Any, fake_engine: StandIn, installed: str) -> None:
     arguments, preferences = fake_engine(REFINE), bpy.context.preferences.addons[installed].preferences
     preferences.sam = "sam-vit-h"
@@ -371,8 +387,8 @@ def test_no_button_reuses_arguments_of_the_last_call(blender: ModuleType) -> Non
         assert kept == (["longest_side"] if name == "look_through_photo" else []), name
 
 
-def test_polished_object_is_imported_and_edits_by_hand_are_kept(opened: Any, part: Part, tmp_path: Path) -> None:
-    polished = part("engine.scene.polished")
+def test_detailed_object_is_imported_and_edits_by_hand_are_kept(opened: Any, part: Part, tmp_path: Path) -> None:
+    detailed = part("engine.scene.detailed")
     rows_, gaussians = np.arange(20, 40, dtype=np.int32), opened.gaussians[np.arange(20, 40)]
     alone = type(gaussians)(
         means=gaussians.means + np.float32(0.5),
@@ -382,13 +398,19 @@ def test_polished_object_is_imported_and_edits_by_hand_are_kept(opened: Any, par
         sh=gaussians.sh,
     )
     write_object(opened.folder, "bowl", "Bowl", (np.arange(100) >= 20).astype(np.float32))
-    polished.save_polished(opened.folder / "objects" / "bowl", polished.Polished(rows_, gaussians.means, alone))
+    # Row 30 has two Gaussians of detail, all others one.
+    parents = np.sort(np.append(rows_, 30)).astype(np.int32)
+    alone = alone[parents - 20]
+    detailed.save_detailed(
+        opened.folder / "objects" / "bowl", detailed.Detailed(rows_, gaussians.means, parents, alone)
+    )
     whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
     whole.data.vertices[25].co.x += 3
     scene_file = part("gaussian_heritage_addon.project.scene_file")
     (splats,) = scene_file.add_objects(bpy.context.scene, opened.folder, ["bowl"])
     seen, index = splats.gaussians(), splats.index(100).tolist()
     np.testing.assert_allclose(seen.means[index.index(30)], opened.gaussians.means[30] + 0.5, atol=1e-6)
+    assert index.count(30) == 2 and index.count(31) == 1
     np.testing.assert_allclose(seen.opacities[index.index(30)], 1.0, atol=1e-3)
     np.testing.assert_allclose(seen.means[index.index(25)], opened.gaussians.means[25] + (3, 0, 0), atol=1e-6)
     np.testing.assert_allclose(seen.means[index.index(50)], opened.gaussians.means[50], atol=1e-6)

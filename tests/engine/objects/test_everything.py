@@ -14,11 +14,11 @@ from engine.objects.segment import find_everything
 from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
 from engine.project.objects import ObjectRecord, list_objects, load_membership, save_object
-from engine.scene.polished import load_polished
+from engine.scene.detailed import load_detailed
 from tests.engine.objects.fakes import FakeDetector, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
+SMALL = replace(BETTER, photo_side=160, render_side=160, detail_steps=3)
 
 
 def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, SegmentationContext]:
@@ -83,8 +83,8 @@ def test_unsure_names_are_numbers_and_the_background_is_the_rest(blobs: BlobScen
     assert sorted(record.name for record in made) == ["object 1", "object 2", "object 3"] and not kept
     assert all(record.prompt == {"kind": "all"} and record.score == 0.0 for record in made)
     assert background.id == "background"
-    assert all(load_polished(project.path, record.id) is not None for record in made)
-    assert load_polished(project.path, "background") is None
+    assert all(load_detailed(project.path, record.id) is None for record in made)
+    assert load_detailed(project.path, "background") is None
     objects = [load_membership(project.path, record.id) >= 0.5 for record in made]
     rest = load_membership(project.path, "background") >= 0.5
     np.testing.assert_array_equal(rest, ~np.logical_or.reduce(objects))

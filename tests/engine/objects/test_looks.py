@@ -158,7 +158,7 @@ def test_of_versions_that_score_nearly_as_much_the_likeliest_whole_is_the_answer
         def scores(self, text: str, context: SegmentationContext) -> np.ndarray:
             return np.array(scores)
 
-    context = replace(context_of(blobs, photos, FakeDetector(blobs)), settings=replace(SETTINGS, polish_steps=0))
+    context = replace(context_of(blobs, photos, FakeDetector(blobs)), settings=replace(SETTINGS, detail_steps=0))
     made, parts = build_looks(context), [(BLUE, RED), (BLUE,), (RED,)]
     members = np.array([np.isin(blobs.part, part) for part in parts])
     sightings = (made.photo[:1] * 3, made.box[[0, 0, 0]], made.described[[0, 0, 0]])

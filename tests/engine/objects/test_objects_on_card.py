@@ -17,7 +17,7 @@ from engine.rasterizer.gpu import Gpu
 from tests.engine.objects.fakes import segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
+SMALL = replace(BETTER, photo_side=160, render_side=160, detail_steps=3)
 CARD = Device("gpu", "card")
 
 SAME = 0.999

@@ -22,12 +22,11 @@ from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
 from engine.project.objects import list_objects, load_membership
 from engine.scene.camera import PinholeCamera
-from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, as_pinhole, make_scene
 
 SMALL = replace(PAPER, photo_side=160, render_side=160, erode_pixels=1)
-SMALL_BETTER = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
+SMALL_BETTER = replace(BETTER, photo_side=160, render_side=160, detail_steps=3)
 
 
 def not_needed() -> object:
@@ -307,23 +306,6 @@ def test_cancel_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
         segment(project, TextPrompt("red ball"), "ball", blobs, should_stop=lambda: True)
     assert list_objects(project.path) == []
-
-
-def test_stopping_while_the_second_object_is_polished_stores_neither(blobs: BlobScene, tmp_path: Path) -> None:
-    project = trained_project(blobs, tmp_path)
-    polished: list[Event] = []
-
-    def emit(event: Event) -> None:
-        if isinstance(event, Progress) and event.message == "Polishing":
-            polished.append(event)
-
-    arguments = {"settings": SMALL_BETTER, "emit": emit}
-    with pytest.raises(Cancelled, match="no object was stored"):
-        segment(project, TextPrompt("red ball"), "ball", blobs, should_stop=lambda: bool(polished), **arguments)
-    assert list_objects(project.path) == []
-    records = segment(project, TextPrompt("red ball"), "ball", blobs, **arguments)
-    assert [record.id for record in records] == ["ball", "ball-2"]
-    assert all(load_polished(project.path, record.id) is not None for record in records)
 
 
 def segment(project, prompt, name, scene, *, settings=SMALL, emit=ignore_events, should_stop=never_stop):  # type: ignore[no-untyped-def]

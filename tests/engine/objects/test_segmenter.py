@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.core.errors import FormatError, ObjectError, PromptError
-from engine.core.events import Event, Warned
+from engine.core.errors import Cancelled, FormatError, ObjectError, PromptError
+from engine.core.events import Event, Progress, Warned
 from engine.core.words import split_texts
 from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.grounding.detector import PromptCheck
@@ -19,6 +19,7 @@ from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, pa
 from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
 from engine.project.objects import (
+    ObjectRecord,
     delete_object,
     list_objects,
     list_trash,
@@ -28,12 +29,12 @@ from engine.project.objects import (
     restore_object,
     save_object,
 )
-from engine.scene.polished import load_polished
+from engine.scene.detailed import load_detailed
 from engine.training.scene_files import save_gaussians
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
+SMALL = replace(BETTER, photo_side=160, render_side=160, detail_steps=3)
 
 
 @pytest.fixture
@@ -236,22 +237,97 @@ def test_box_and_mask_take_negative_clicks_too(blobs: BlobScene, project: Projec
 
 def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) -> None:
     before = isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")))
+    dim(project, blobs)
+    (with_detail,) = segmenter_of(project, blobs, SMALL).detail(["ball"])
+    assert with_detail.detail is not None and with_detail.detail["kept"]
+    detailed = load_detailed(project.path, "ball")
+    assert detailed is not None
+    np.testing.assert_array_equal(detailed.rows, np.flatnonzero(members(project, "ball")))
     added = point(blobs, BLUE, "view_5.png")
     more = segmenter_of(project, blobs, SMALL).refine("ball", [added], [])
     assert overlap(members(project, "ball"), np.isin(blobs.part, [RED, BLUE])) > 0.9
+    left = load_detailed(project.path, "ball")
+    assert left is not None
+    # What was added is as in the scene, and what stayed keeps its detail.
+    assert set(left.rows) == set(detailed.rows) & set(np.flatnonzero(members(project, "ball")))
     less = segmenter_of(project, blobs, SMALL).refine("ball", [], [point(blobs, RED, "view_6.png")])
     assert overlap(members(project, "ball"), blobs.part == BLUE) > 0.9
-    polished = load_polished(project.path, "ball")
-    assert polished is not None
-    np.testing.assert_array_equal(polished.rows, np.flatnonzero(members(project, "ball")))
+    rest = load_detailed(project.path, "ball")
+    assert rest is None or set(rest.rows) <= set(np.flatnonzero(members(project, "ball")))
     assert [record.id for record in list_objects(project.path)] == ["ball"]
     assert before.created == more.created == less.created
     assert less.n_gaussians == members(project, "ball").sum() and len(less.refined) == 2
     assert less.refined[0] == {"clicks": [{"photo": added.photo, "x": added.x, "y": added.y}], "not": []}
-    first, second = list_trash(project.path)
-    assert (first.name, first.why, second.name, second.why) == ("ball", "corrected", "ball", "corrected")
+    thrown = [(one.name, one.why) for one in list_trash(project.path)]
+    assert sorted(thrown) == [("ball", "corrected"), ("ball", "corrected"), ("ball", "detailed")]
     restore_object(project, "1")
     assert overlap(members(project, "ball-2"), blobs.part == RED) > 0.8
+
+
+def dim(project: ProjectFolder, blobs: BlobScene) -> None:
+    """Make the scene of the project darker than its photos, so that detail has something to gain."""
+    save_gaussians(project.path / "gaussians", replace(blobs.gaussians, sh=blobs.gaussians.sh - np.float32(0.4)))
+
+
+def store(project: ProjectFolder, blobs: BlobScene, *parts: int) -> None:
+    """Store the parts as objects that are called by their numbers."""
+    for part in parts:
+        membership = (blobs.part == part).astype(np.float32)
+        count = int(membership.sum())
+        record = ObjectRecord(str(part), str(part), {"kind": "click"}, 0.5, 0.9, 0.9, count, len(membership))
+        save_object(project.path, record, membership)
+
+
+def test_all_objects_get_detail_by_one_call_and_none_twice(blobs: BlobScene, project: ProjectFolder) -> None:
+    store(project, blobs, RED, BLUE)
+    dim(project, blobs)
+    segmenter_of(project, blobs, SMALL).store_background()
+    scene = (project.path / "gaussians" / "scene.ply").read_bytes()
+    told: list[Progress] = []
+    segmenter = segmenter_of(
+        project, blobs, SMALL, emit=lambda event: told.append(event) if isinstance(event, Progress) else None
+    )
+    records = segmenter.detail()
+    assert [record.id for record in records] == [str(RED), str(BLUE)]
+    first = [load_detailed(project.path, record.id) for record in records]
+    assert all(one is not None for one in first) and load_detailed(project.path, "background") is None
+    assert all(load_object(project.path, record.id).detail == record.detail for record in records)
+    assert (project.path / "gaussians" / "scene.ply").read_bytes() == scene
+    fractions = [event.fraction for event in told if event.message.startswith("Detailing")]
+    assert fractions == sorted(fractions) and fractions[-1] > 0.5
+    told.clear()
+    again = segmenter.detail()
+    assert [record.detail for record in again] == [record.detail for record in records]
+    assert not any(event.message.startswith("Detailing") for event in told)
+    assert [one.why for one in list_trash(project.path)] == ["detailed", "detailed"]
+
+
+def test_stopping_while_the_second_object_gets_detail_keeps_the_first(blobs: BlobScene, project: ProjectFolder) -> None:
+    store(project, blobs, RED, BLUE)
+    dim(project, blobs)
+    stopped: list[bool] = []
+
+    def emit(event: Event) -> None:
+        if isinstance(event, Progress) and event.message == f"Detailing {BLUE}":
+            stopped.append(True)
+
+    before = (project.path / "objects" / str(BLUE) / "object.json").read_bytes()
+    with pytest.raises(Cancelled):
+        segmenter_of(project, blobs, SMALL, emit=emit, should_stop=lambda: bool(stopped)).detail()
+    assert load_detailed(project.path, str(RED)) is not None
+    assert load_detailed(project.path, str(BLUE)) is None
+    assert (project.path / "objects" / str(BLUE) / "object.json").read_bytes() == before
+
+
+def test_what_cannot_get_detail_is_one_sentence(blobs: BlobScene, project: ProjectFolder) -> None:
+    with pytest.raises(ObjectError, match="no objects yet"):
+        segmenter_of(project, blobs, SMALL).detail()
+    store(project, blobs, RED)
+    segmenter_of(project, blobs, SMALL).store_background()
+    with pytest.raises(ObjectError, match="is the background"):
+        segmenter_of(project, blobs, SMALL).detail(["background"])
+    with pytest.raises(ObjectError, match="No object is called"):
+        segmenter_of(project, blobs, SMALL).detail(["cube"])
 
 
 def _place(blobs: BlobScene, part: int, photo: str) -> tuple[str, float, float]:
@@ -269,24 +345,23 @@ def test_correction_that_would_leave_nothing_keeps_the_object(blobs: BlobScene, 
         segmenter_of(project, blobs, SMALL).refine("cube", [], everywhere)
 
 
-def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
-    from engine.project.objects import ObjectRecord, save_object
-
+def test_another_level_is_chosen_and_gets_detail_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
     small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)
     counts = tuple({"n_gaussians": int(one.sum())} for one in (small, large))
     record = ObjectRecord(
         "pair", "Pair", {"kind": "click"}, 0.5, 0.9, 0.9, counts[1]["n_gaussians"], len(small), level=1, levels=counts
     )
     save_object(project.path, record, large, levels=[small, large])
+    dim(project, blobs)
 
     def choose(level: int) -> ObjectRecord:
         no_models = {"detector_factory": lambda: pytest.fail("detector"), "sam_factory": lambda: pytest.fail("SAM")}
         return segmenter_of(project, blobs, SMALL, **no_models).choose_level("Pair", level)
 
     changed = choose(0)
-    polished = load_polished(project.path, "pair")
-    assert polished is not None
-    np.testing.assert_array_equal(polished.rows, np.flatnonzero(small))
+    detailed = load_detailed(project.path, "pair")
+    assert detailed is not None
+    np.testing.assert_array_equal(detailed.rows, np.flatnonzero(small))
     assert changed.level == 0 and changed.n_gaussians == int(small.sum())
     np.testing.assert_array_equal(load_membership(project.path, "pair"), small)
     np.testing.assert_array_equal(load_levels(project.path, "pair"), [small, large])

@@ -20,7 +20,7 @@ from engine.rasterizer import Device
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
+SMALL = replace(BETTER, photo_side=160, render_side=160, detail_steps=3)
 PROMPTS = ("red ball", "blue ball")
 Run = Callable[[], list[Event]]
 
@@ -71,7 +71,7 @@ def rename(project: ProjectFolder, object_id: str, name: str) -> None:
     file.write_text(text.replace(f'"name": "{record.name}"', f'"name": "{name}"'))
 
 
-@pytest.mark.parametrize("file", ["membership.npy", "polished.npz", "object.json"])
+@pytest.mark.parametrize("file", ["membership.npy", "object.json"])
 def test_damaged_object_is_isolated_again_in_its_place(file: str, project: ProjectFolder, run: Run) -> None:
     folder = project.path / "objects" / "red-ball"
     rename(project, "red-ball", "Apple")

@@ -25,7 +25,7 @@ from engine.project.objects import (
     taken_ids,
     write_record,
 )
-from engine.scene import Gaussians, Polished
+from engine.scene import Detailed, Gaussians
 
 RECORD = ObjectRecord(
     id="vase",
@@ -87,15 +87,15 @@ def save_whole(project: Path) -> Path:
     gaussians = Gaussians(
         *(np.ones(shape, np.float32) for shape in ((2, 3), (2, 3), (2, 4), (2,), (2, 1, 3))), features=None
     )
-    polished = Polished(np.array([1, 2], np.int32), gaussians.means, gaussians)
-    save_object(project, record, MEMBERSHIP, levels=levels, polished=polished)
+    detailed = Detailed(np.array([1, 2], np.int32), gaussians.means, np.array([1, 2], np.int32), gaussians)
+    save_object(project, record, MEMBERSHIP, levels=levels, detailed=detailed)
     return project / "objects" / "vase"
 
 
 READERS = {
     "membership.npy": lambda project, record: load_membership(project, "vase"),
     "levels.npy": lambda project, record: load_levels(project, "vase"),
-    "polished.npz": lambda project, record: object_gaussians(
+    "detail.npz": lambda project, record: object_gaussians(
         project, record, Gaussians(*(np.ones(s, np.float32) for s in ((3, 3), (3, 3), (3, 4), (3,), (3, 1, 3))), None)
     ),
 }

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from engine.project.objects import ObjectRecord, write_record
 from engine.serve.feeds import Feeds
 from tests.conftest import wait_until
 
@@ -278,6 +279,8 @@ def test_killed_engine_is_told(client: Client, project: str, fake_engine: Engine
         ({"prompt": "vase; teapot"}, ["--prompt=vase;teapot"]),
         ({"find_all": True}, ["--all"]),
         ({"background": True}, ["--complement"]),
+        ({"detail": True}, ["--detail"]),
+        ({"detail": True, "object": "vase"}, ["--detail=vase"]),
         ({"accept": 2}, ["--accept=2"]),
         (
             {
@@ -294,6 +297,9 @@ def test_prompts_become_arguments(client: Client, project: str, wanted: dict[str
     scene = client.folder(project) / "project" / "gaussians"
     scene.mkdir(parents=True)
     (scene / "scene.ply").touch()
+    record = client.folder(project) / "project" / "objects" / "vase" / "object.json"
+    record.parent.mkdir(parents=True)
+    write_record(record, ObjectRecord("vase", "vase", {"kind": "click"}, 0.5, 1.0, 1.0, 3, 10), {})
     answer = client.http.post(f"{API}/projects/{project}/jobs", json={"kind": "segment", **wanted})
     assert answer.status_code == 202
     client.wait_for_job(project, "finished")
@@ -318,6 +324,9 @@ def test_server_that_is_told_what_to_render_on_tells_the_engine(client: Client, 
     [
         {},
         {"prompt": "vase", "find_all": True},
+        {"prompt": "vase", "detail": True},
+        {"detail": True, "object": "../../secret"},
+        {"detail": True, "object": "cube"},
         {"prompt": "x" * 600},
         {"clicks": [{"photo": "other.jpg", "x": 1, "y": 1}]},
         {"clicks": [{"photo": "vase.jpg", "x": 1, "y": 1, "wanted": False}]},

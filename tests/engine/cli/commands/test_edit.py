@@ -18,8 +18,8 @@ from engine.project.objects import (
     object_states,
     save_object,
 )
-from engine.scene import load_polished
-from engine.scene.polished import Polished
+from engine.scene import load_detailed
+from engine.scene.detailed import Detailed
 from tests.engine.command_line import call
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
@@ -27,17 +27,17 @@ from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 @pytest.fixture
 def scene(blobs: BlobScene, tmp_path: Path) -> Path:
-    """A project with the objects red, twin and blue; blue is polished and has two levels."""
+    """A project with the objects red, twin and blue; blue is detailed and has two levels."""
     project = trained_project(blobs, tmp_path).path
     for part, name in ((RED, "red"), (TWIN, "twin")):
         save_object(project, record_of(name, blobs), of_part(blobs, part))
     rows = np.flatnonzero(blobs.part == BLUE).astype(np.int32)
     trained = replace(blobs.gaussians[rows], features=None)
-    polished = Polished(rows, trained.means, replace(trained, opacity_logits=trained.opacity_logits - 1))
+    detailed = Detailed(rows, trained.means, rows, replace(trained, opacity_logits=trained.opacity_logits - 1))
     levels = ({"n_gaussians": 10}, {"n_gaussians": len(rows)})
     blue = of_part(blobs, BLUE)
     record = replace(record_of("blue", blobs), level=1, levels=levels)
-    save_object(project, record, blue, levels=[blue * 0.9, blue], polished=polished)
+    save_object(project, record, blue, levels=[blue * 0.9, blue], detailed=detailed)
     return project
 
 
@@ -62,8 +62,8 @@ def test_membership_is_replaced_and_the_earlier_object_is_in_the_trash(
     record = load_object(scene, "blue")
     assert (record.n_gaussians, record.name, record.levels) == (len(kept) + 5, "Blue", ())
     assert np.array_equal(load_membership(scene, "blue"), new)
-    polished = load_polished(scene, "blue")
-    assert polished is not None and np.array_equal(polished.rows, kept)
+    detailed = load_detailed(scene, "blue")
+    assert detailed is not None and np.array_equal(detailed.rows, kept)
     exported = object_gaussians(scene, record, replace(blobs.gaussians, features=None))
     assert len(exported) == record.n_gaussians
     assert [entry.why for entry in list_trash(scene)] == ["edited by hand"]

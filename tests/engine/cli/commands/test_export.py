@@ -30,7 +30,7 @@ from engine.scene import (
     save_measurement,
     write_camera_set,
 )
-from engine.scene.polished import Polished
+from engine.scene.detailed import Detailed
 from engine.training import save_gaussians
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud
@@ -163,16 +163,16 @@ def test_unknown_object_and_photo_name_those_there_are(
     assert "view_99.png" in answer.error and "view_0.png" in answer.error
 
 
-def test_object_leaves_polished_in_files_and_in_its_picture(
+def test_object_leaves_detailed_in_files_and_in_its_picture(
     blobs: BlobScene, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rows = np.flatnonzero(blobs.part == BLUE).astype(np.int32)
     trained = blobs.gaussians[rows]
     green = np.zeros_like(trained.sh)
     green[:, 0, 1] = 2.0
-    polished = Polished(rows, trained.means, replace(trained, sh=green, features=None))
+    detailed = Detailed(rows, trained.means, rows, replace(trained, sh=green, features=None))
     record = ObjectRecord("ball", "Ball", {"kind": "click"}, 0.5, 1.0, 1.0, len(rows), len(blobs.part))
-    save_object(scene, record, (blobs.part == BLUE).astype(np.float32), polished=polished)
+    save_object(scene, record, (blobs.part == BLUE).astype(np.float32), detailed=detailed)
     for kind, read in (("ply", read_ply), ("glb", read_glb)):
         out = tmp_path / f"ball.{kind}"
         assert write(capsys, kind, scene, out, "--object", "ball").code == 0

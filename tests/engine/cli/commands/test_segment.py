@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from engine.objects.settings import BETTER, PRESETS
 from engine.project.objects import list_objects, load_membership
 from engine.rasterizer.gpu import Gpu
+from engine.training.scene_files import save_gaussians
 from tests.engine.command_line import call
 from tests.engine.install.models.weights import fetched
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
@@ -174,10 +177,31 @@ def test_all_objects_and_the_background_without_a_prompt(scene: Path, capsys: py
     }  # fmt: skip
 
 
+def test_stored_object_gets_detail_and_says_what_it_gained(
+    scene: Path, blobs: BlobScene, blue: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = replace(BETTER, render_side=160, detail_steps=5)
+    monkeypatch.setitem(PRESETS, "better", few)
+    assert "no objects yet" in call(capsys, "segment", scene, "--detail").error
+    assert call(capsys, "segment", scene, "--mask", blue, "--name", "ball").code == 0
+    assert not (scene / "objects" / "ball" / "detail.npz").exists()
+    # The photos are lighter than the scene.
+    save_gaussians(scene / "gaussians", replace(blobs.gaussians, sh=blobs.gaussians.sh - np.float32(0.4)))
+    answer = call(capsys, "segment", scene, "--detail", "ball")
+    (finished,) = answer.of_kind("finished")
+    assert finished["message"] == "Detail from the photos: ball."
+    told = finished["outputs"]["detail"]["ball"]
+    assert told["kept"] and told["psnr"][1] > told["psnr"][0] and told["steps"] == 5
+    assert (scene / "objects" / "ball" / "detail.npz").is_file()
+    assert "No object is called" in call(capsys, "segment", scene, "--detail", "cube").error
+    assert "--name cannot be combined with --detail" in call(capsys, "segment", scene, "--detail", "--name", "x").error
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ((), "exactly one of"),
+        (("--all", "--detail", "vase"), "exactly one of"),
         (("--all", "--prompt", "vase"), "exactly one of"),
         (("--refine", "vase", "--box", "a=1,2,3,4"), "exactly one of"),
         (("--refine", "vase"), "--refine requires"),

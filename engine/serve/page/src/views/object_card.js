@@ -1,5 +1,5 @@
 // One object: show it, correct it, fill in its record, download it, delete it.
-import { changeObject, deleteObject, exportUrl, objectUrl } from "../api.js";
+import { changeObject, deleteObject, exportUrl, objectUrl, startJob } from "../api.js";
 import { announce, confirmed, during, field, h, refill, setText } from "../dom.js";
 import { plural } from "../format.js";
 import { createObjectButtons } from "../object_buttons.js";
@@ -25,6 +25,8 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   const buttons = createObjectButtons(looks, () => object, (one) => stage.point(one, true), [picture, h("span", null, name, facts)]);
   const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");
   const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, "Correct");
+  const detail = h("button", { type: "button", onclick: () => during(detail, addDetail) }, "Add detail");
+  detail.title = "Train the object on the photos at their own resolution; the scene stays as it is";
   const download = ({ name: format, label }) => h("li", null, h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, label));
   const downloads = h("details", { class: "downloads" }, h("summary", null, "Download"), h("ul", { class: "row" }, session.formats.map(download)));
   const inputs = Object.fromEntries(
@@ -47,7 +49,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
     "li",
     { class: "object" },
     buttons.element,
-    h("div", { class: "row" }, look, correct),
+    h("div", { class: "row" }, look, correct, detail),
     downloads,
     details,
   );
@@ -56,6 +58,11 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
     if (alone) return stage.showScene();
     await stage.showObject(`${objectUrl(id, object.id)}&v=${version}`, object.name);
     shownAlone(object.id);
+  }
+
+  async function addDetail() {
+    await startJob(id, { kind: "segment", object: object.id, detail: true });
+    await context.refresh();
   }
 
   async function saveRecord() {

@@ -17,6 +17,8 @@ export function createObjects(context, { stage, clicks }) {
   const click = action("Click an object", async () => clicks.open({ photo: stage.photo() }));
   const rest = action("Background", () => run({ background: true }));
   rest.title = "Everything that is in no object becomes an object of its own";
+  const details = action("Add detail to all", () => run({ detail: true }));
+  details.title = "Train every object on the photos at their own resolution; the scene stays as it is";
   const form = h(
     "form",
     { class: "prompt", onsubmit: (event) => (event.preventDefault(), during(isolate, isolateWords)) },
@@ -35,7 +37,7 @@ export function createObjects(context, { stage, clicks }) {
     { class: "card panel" },
     h("h2", null, "Objects"),
     form,
-    h("div", { class: "row" }, click, findAll, rest),
+    h("div", { class: "row" }, click, findAll, rest, details),
     progress.element,
     told,
     refused,

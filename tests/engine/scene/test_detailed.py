@@ -1,4 +1,4 @@
-"""Polished Gaussians of an object are read as written, and a damaged file is one sentence."""
+"""Detailed Gaussians of an object are read as written, and a damaged file is one sentence."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 
 from engine.core.errors import FormatError
-from engine.scene import Gaussians, Polished, load_polished, save_polished
+from engine.scene import Detailed, Gaussians, load_detailed, save_detailed
 
 
-def polished(count: int = 4) -> Polished:
+def detailed(count: int = 4) -> Detailed:
     rng = np.random.default_rng(0)
 
     def values(*shape: int) -> np.ndarray:
         return rng.normal(size=(count, *shape)).astype(np.float32)
 
     gaussians = Gaussians(values(3), values(3), values(4), values(), values(4, 3))
-    return Polished(np.arange(count, dtype=np.int32) * 3, values(3), gaussians)
+    rows = np.arange(count, dtype=np.int32) * 3
+    return Detailed(rows, values(3), rows, gaussians)
 
 
 def folder_of(project: Path) -> Path:
@@ -26,21 +27,22 @@ def folder_of(project: Path) -> Path:
 
 
 def rewrite(project: Path, **changes: np.ndarray) -> None:
-    file = folder_of(project) / "polished.npz"
+    file = folder_of(project) / "detail.npz"
     with np.load(file) as archive:
         arrays = dict(archive)
     np.savez(file, **{**arrays, **changes})
 
 
 @pytest.mark.parametrize("count", [0, 1, 4])
-def test_polished_gaussians_are_read_as_written(tmp_path: Path, count: int) -> None:
-    written = polished(count)
-    save_polished(folder_of(tmp_path), written)
-    read = load_polished(tmp_path, "vase")
+def test_detailed_gaussians_are_read_as_written(tmp_path: Path, count: int) -> None:
+    written = detailed(count)
+    save_detailed(folder_of(tmp_path), written)
+    read = load_detailed(tmp_path, "vase")
     assert read is not None
     for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
         np.testing.assert_array_equal(getattr(read.gaussians, name), getattr(written.gaussians, name))
     np.testing.assert_array_equal(read.rows, written.rows)
+    np.testing.assert_array_equal(read.parents, written.parents)
 
 
 @pytest.mark.parametrize(
@@ -51,6 +53,9 @@ def test_polished_gaussians_are_read_as_written(tmp_path: Path, count: int) -> N
         ({"rows": np.array([-5, 1, 2, 3], np.int32)}, "not ascending"),
         ({"rows": np.arange(3, dtype=np.int32)}, "shape"),
         ({"rows": np.arange(4.0)}, "type float64"),
+        ({"parents": np.array([0, 3, 6, 6], np.int32)}, "`parents` are not its `rows`"),
+        ({"parents": np.array([3, 0, 6, 9], np.int32)}, "`parents` are not its `rows`"),
+        ({"parents": np.array([0, 3, 6, 90], np.int32)}, "`parents` are not its `rows`"),
         ({"means": np.full((4, 3), np.nan, np.float32)}, "not finite"),
         ({"quats": np.zeros((4, 3), np.float32)}, "shape"),
         ({"sh": np.zeros((4, 5, 3), np.float32)}, "`sh` has an unexpected shape"),
@@ -60,17 +65,17 @@ def test_polished_gaussians_are_read_as_written(tmp_path: Path, count: int) -> N
 def test_values_that_contradict_each_other_are_one_sentence(
     tmp_path: Path, changes: dict[str, np.ndarray], problem: str
 ) -> None:
-    save_polished(folder_of(tmp_path), polished())
+    save_detailed(folder_of(tmp_path), detailed())
     rewrite(tmp_path, **changes)
     with pytest.raises(FormatError) as caught:
-        load_polished(tmp_path, "vase")
+        load_detailed(tmp_path, "vase")
     assert problem in str(caught.value) and str(caught.value).endswith("Isolate the object again.")
 
 
 @pytest.mark.parametrize("part", [0.0, 0.3, 0.7, 0.99])
 def test_half_a_file_is_one_sentence(tmp_path: Path, part: float) -> None:
-    save_polished(folder_of(tmp_path), polished())
-    file = folder_of(tmp_path) / "polished.npz"
+    save_detailed(folder_of(tmp_path), detailed())
+    file = folder_of(tmp_path) / "detail.npz"
     file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
-    with pytest.raises(FormatError, match=r"polished\.npz cannot be read: .* Isolate the object again\."):
-        load_polished(tmp_path, "vase")
+    with pytest.raises(FormatError, match=r"detail\.npz cannot be read: .* Isolate the object again\."):
+        load_detailed(tmp_path, "vase")
