@@ -15,10 +15,9 @@ from engine.core.errors import Cancelled, FormatError, ObjectError
 from engine.core.events import never_stop
 from engine.objects.detail import DetailPhotos, DetailResult, detail_object
 from engine.objects.settings import BETTER
-from engine.objects.storage import object_gaussians, save_object
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
-from engine.project.objects import ObjectRecord
+from engine.project.objects import ObjectRecord, object_gaussians, save_object
 from engine.scene import Camera, CameraSet, Detailed, Gaussians, load_detailed
 from tests.engine.pictures.blob_scene import HEIGHT, RED, WIDTH, as_pinhole, camera_at, make_scene
 

@@ -17,14 +17,14 @@ def test_folder_is_read_again_only_after_one_of_its_files_changed(tmp_path: Path
     @read_after_change("a", "sub/b")
     def texts(folder: Path) -> list[str]:
         read.append(folder)
-        return [(folder / name).read_text() for name in ("a", "sub/b") if (folder / name).exists()]
+        return [(folder / name).read_text(encoding="utf-8") for name in ("a", "sub/b") if (folder / name).exists()]
 
     assert [texts(tmp_path), texts(tmp_path)] == [[], []] and len(read) == 1
     (tmp_path / "sub").mkdir()
-    (tmp_path / "sub/b").write_text("one")
+    (tmp_path / "sub/b").write_text("one", encoding="utf-8")
     assert texts(tmp_path) == texts(tmp_path) == ["one"] and len(read) == 2
     before = (tmp_path / "sub/b").stat()
-    (tmp_path / "sub/b").write_text("three")
+    (tmp_path / "sub/b").write_text("three", encoding="utf-8")
     os.utime(tmp_path / "sub/b", ns=(before.st_atime_ns, before.st_mtime_ns))
     assert texts(tmp_path) == ["three"], "another size at the same time is another file"
     (tmp_path / "sub/b").unlink()
@@ -44,7 +44,7 @@ def test_error_of_ours_is_kept_too_and_an_unexpected_one_is_not(tmp_path: Path) 
         with pytest.raises(FormatError, match="damaged"):
             fail(tmp_path)
     assert read == [FormatError]
-    (tmp_path / "a").write_text("changed")
+    (tmp_path / "a").write_text("changed", encoding="utf-8")
     kind = OSError
     for _ in range(2):
         with pytest.raises(OSError, match="damaged"):
