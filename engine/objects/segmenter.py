@@ -42,6 +42,7 @@ from .candidate_file import cut_out, forget_candidates, load_candidate, remember
 from .context import DetectorFactory, SegmentationContext, load_context
 from .detail import DetailPhotos, DetailResult, detail_object
 from .evidence import evidence_of_clicks, find_evidence, meant_by
+from .known_objects import found_again, was_changed
 from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
@@ -437,7 +438,7 @@ class Segmenter:
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:
-                self.emit(Warned(_found_again(item.name or name, same, int(item.members.sum()))))
+                self.emit(Warned(found_again(item.name or name, same, int(item.members.sum()))))
                 records.append(same)
                 continue
             record = self._record(item, asked, item.name or name, started)
@@ -459,13 +460,13 @@ class Segmenter:
         """Return the object of exactly these Gaussians, bool [N], or nearly these if asked for so and changed since."""
         count = int(members.sum())
         for record in list_objects(self.project.path):
-            counts = (record.n_scene_gaussians, count if _was_changed(record, asked) else record.n_gaussians)
+            counts = (record.n_scene_gaussians, count if was_changed(record, asked) else record.n_gaussians)
             if record.prompt.get("kind") == BACKGROUND or counts != (len(members), count):
                 continue
             # A damaged object equals none; what reads it says so.
             with contextlib.suppress(FormatError):
                 stored = load_membership(self.project.path, record.id) >= record.threshold
-                if np.array_equal(stored, members) or (_was_changed(record, asked) and is_same(stored, members)):
+                if np.array_equal(stored, members) or (was_changed(record, asked) and is_same(stored, members)):
                     return record
         return None
 
@@ -506,18 +507,3 @@ class Segmenter:
             for record in list_objects(self.project.path)
             if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
         }
-
-
-def _found_again(name: str, same: ObjectRecord, count: int) -> str:
-    """Return a sentence that `count` Gaussians that were to be stored as `name` are the object `same`, which exists."""
-    if count != same.n_gaussians:
-        return f"{name!r} is {same.name!r}, which was changed since it was isolated, so no second object was stored."
-    which = "exists already with" if name == same.name else "has"
-    owner = "these Gaussians" if name == same.name else f"the Gaussians of {same.name!r}, which exists already"
-    return f"{name!r} {which} exactly {owner}, so no second object was stored."
-
-
-def _was_changed(record: ObjectRecord, asked: dict[str, Any]) -> bool:
-    """Return whether the object was asked for by the text of a prompt, and corrected or resized after."""
-    text, own = (normalised(str(prompt.get("text", ""))) for prompt in (asked, record.prompt))
-    return bool(text) and text == own and bool(record.refined or record.levels)
