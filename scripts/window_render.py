@@ -1,4 +1,4 @@
-"""Steps of the window test in which a project moves with its file, and F12 renders what the viewport shows."""
+"""Steps of the window test in which a project moves with its file, and renders show what the viewport shows."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def move_project(window: Window) -> None:
 
 
 def render_as_shown(window: Window) -> None:
-    """Render an object by F12 in Cycles and EEVEE, also appended to a new file, beside what the viewport draws."""
+    """Render an object in Cycles and EEVEE, also appended to a new file, beside what the viewport draws."""
     window.python((ROOT / "benchmarks" / "blender" / "in_window.py").read_text(encoding="utf-8"))
     name = window.python(
         f"""
@@ -81,7 +81,7 @@ bpy.ops.heritage.set_up_render()
 
 
 def _compare(window: Window, place: str, name: str) -> None:
-    """Render in each engine, as F12 does, and compare the pictures with what the viewport draws of an object."""
+    """Render in each engine, by the operator of F12, and compare the pictures with what the viewport draws of an object."""
     from PIL import Image
 
     seen = window.work / f"{place}.npy"
