@@ -81,7 +81,7 @@ bpy.ops.heritage.set_up_render()
 
 
 def _compare(window: Window, place: str, name: str) -> None:
-    """Render in each engine, by the operator of F12, and compare the pictures with what the viewport draws of an object."""
+    """Render in each engine by the operator of F12, and compare with what the viewport draws of an object."""
     from PIL import Image
 
     seen = window.work / f"{place}.npy"
