@@ -24,7 +24,7 @@ from engine.core.errors import DiskError, FormatError, ProjectError
 from engine.core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, is_inner_name, path_within, read_bytes
 from engine.masks import read_label_map
 from engine.project.folder import PROJECT_FILE, ProjectFolder
-from engine.scene import Gaussians
+from engine.scene import Gaussians, read_photo_set, write_photo_set
 from engine.training import FEATURES_FILE, SCENE_FILE, load_gaussians, save_gaussians
 
 from .draws import KEPT_ROOMS, Room
@@ -111,8 +111,15 @@ def _copy_project(project: ProjectFolder, target: Path) -> None:
     copied = ProjectFolder.open_existing(target)
     copied.record_outputs("masks", [target / name for name in outputs["masks"]])
     copied.record_outputs("training", [target / "gaussians" / name for name in (SCENE_FILE, FEATURES_FILE)])
-    # The folder of this machine; it is set again when the archive is unpacked.
-    copied.put("photo_folder", "photos")
+    _place_photos(copied, Path("photos"))
+
+
+def _place_photos(project: ProjectFolder, photos: Path) -> None:
+    """Write the folder of the photos into a project: an archive names none of the machine that packed it."""
+    listing = project.path / "photos" / "photos.json"
+    write_photo_set(listing, replace(read_photo_set(listing), folder=photos))
+    project.record_outputs("photos", [listing])
+    project.put("photo_folder", str(photos))
 
 
 def _copy_label_map(source: Path, target: Path) -> None:
@@ -163,8 +170,8 @@ def unpack_room(archive: Path, out: Path) -> Path:
     try:
         _extract(content, new, archive)
         project = ProjectFolder.open_existing(new / "project")
-        project.put("photo_folder", str((out / "photos").resolve()))
         project.require_intact(*_STAGES)
+        _place_photos(project, (out / "photos").resolve())
         new.chmod(0o755)
         os.replace(new, out)
     except OSError as error:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.rooms.draws import CHOOSING_ROOMS
+from benchmarks.rooms.draws import CHOOSING_ROOMS, Room
 from benchmarks.rooms.keeping import KEPT_FOLDER, pack_room, rounded, rounded_gaussians, unpack_room
 from engine.core.errors import FormatError, HeritageError, ProjectError
 from engine.masks import label_map_path, read_label_map
@@ -21,6 +21,7 @@ from engine.objects import MaskPrompt, find_objects, load_context
 from engine.objects.settings import BETTER
 from engine.pictures import write_png
 from engine.project.folder import ProjectFolder
+from engine.scene import PhotoSet, read_photo_set, write_photo_set
 from engine.training import load_gaussians
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import RED, BlobScene, make_scene
@@ -52,8 +53,11 @@ def trained_room(scene: BlobScene, root: Path) -> ProjectFolder:
     for name in ("log.jsonl", "masks/view_0.png.sam.npz", "checkpoints/run/1.npz", "report/report.html"):
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         (target / name).write_text("can be made again", encoding="utf-8")
+    listing = target / "photos" / "photos.json"
+    listing.parent.mkdir(exist_ok=True)
+    write_photo_set(listing, PhotoSet(folder=folder / "photos", photos=(), rejected=()))
     files = {
-        "photos": [],
+        "photos": [listing],
         "cameras": [target / "cameras" / "cameras.json", target / "cameras" / "points.npz"],
         "masks": [label_map_path(target / "masks", photo) for photo in scene.labels],
         "training": [target / "gaussians" / "scene.ply", target / "gaussians" / "features.npy"],
@@ -231,3 +235,10 @@ def test_the_kept_rooms_of_this_repository_stay_small() -> None:
     archives = list((ROOT / KEPT_FOLDER).glob("*.tar.xz"))
     assert sum(archive.stat().st_size for archive in archives) <= MAX_BYTES
     assert {archive.name for archive in archives} <= {f"{room.name}.tar.xz" for room in CHOOSING_ROOMS}
+
+
+@pytest.mark.parametrize("room", CHOOSING_ROOMS, ids=lambda room: room.name)
+def test_a_kept_room_of_this_repository_is_a_project_of_this_version(room: Room, tmp_path: Path) -> None:
+    project = unpack_room(ROOT / KEPT_FOLDER / f"{room.name}.tar.xz", tmp_path / "room")
+    assert ProjectFolder.open_existing(project).stage_record("training") is not None
+    assert read_photo_set(project / "photos" / "photos.json").folder == tmp_path / "room" / "photos"
