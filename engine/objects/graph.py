@@ -49,9 +49,9 @@ MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, roo
 the middle of a scene, in `Views.length_unit`."""
 
 _SEGMENT_SIZE = 2.0  # chosen on skull66, banana16, meeting_place9, herz_jesus25, room_1, room_3, room_6, room_7
-"""Size of a segment, relative to what the evidence shows, from which on its links weigh less, inversely to its size: SAM
-leaves a door in the segment of its wall in one photo and not in the next, so a large segment says little of a small
-object."""
+"""Size of a segment, relative to what the evidence shows, from which on its links weigh less, inversely to its size.
+SAM leaves a door in the segment of its wall in one photo and not in the next, so a large segment says little of a
+small object."""
 
 _LEAST_PART = 0.01  # chosen on museum_room, store_room
 """Votes of a connected part relative to those of the heaviest, from which on it belongs to an object."""
@@ -137,8 +137,8 @@ class SceneGraph:
         strictness : float, or array of shape [K], float32
             Weight of a pixel beside the object relative to one inside of it, above 0.
         shown : float or None
-            Pixels that the evidence shows of the object, in a view. Segments of more than twice as many weigh less. None
-            lets all segments weigh the same.
+            Pixels that the evidence shows of the object, in a view. Segments of more than twice as many weigh less.
+            None lets all segments weigh the same.
 
         Returns
         -------
