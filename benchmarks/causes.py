@@ -1,0 +1,116 @@
+"""Why objects by one true mask are not whole: ``python -m benchmarks.causes --doc docs/objects.md``.
+
+In the kept choosing rooms the true object of every Gaussian is known. Where even this best assignment of Gaussians is
+not whole, the scene is the cause: Gaussians straddle the outline, or the wall behind shines through. In the real sets
+(`benchmarks.real_sets`, reconstructed below OUT) only masks are known.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from engine.core.events import ignore_events, never_stop
+from engine.masks import load_default_sam
+from engine.objects.grounding import load_default_detector
+from engine.pictures import Scene
+from engine.project.folder import ProjectFolder
+from engine.quality.evaluation import evaluate_project, read_ground_truth
+from engine.quality.evaluation.comparison import compare_with_all
+from engine.quality.evaluation.gaussian_truth import gaussian_truth
+from engine.quality.evaluation.settings import MARKS, EvaluationSettings
+from engine.scene import read_camera_set
+from engine.training import load_gaussians
+
+from .documents import put_into
+from .real_sets import SETS, WHOLE_IOU, measured
+from .rooms.draws import CHOOSING_ROOMS
+from .rooms.keeping import KEPT_FOLDER, unpack_room
+
+ROOT = Path(__file__).resolve().parents[1]
+_PART = "causes"
+_ROOMS, _REAL = "choosing rooms", "real sets"
+_CAUSES = {
+    "scene": "the best assignment of Gaussians is not whole either",
+    "holes": "parts of the object are missing",
+    "halo": "more than the object is in it",
+}
+
+
+@dataclass(frozen=True)
+class Miss:
+    """IoU of an object in percent, with the shares of its true mask that are missing and too much, and its cause."""
+
+    data: str
+    iou: float
+    cause: str
+
+
+def in_rooms() -> Iterator[Miss]:
+    """Yield the objects of the kept choosing rooms."""
+    for room in CHOOSING_ROOMS:
+        with tempfile.TemporaryDirectory() as folder:
+            project = unpack_room(ROOT / KEPT_FOLDER / f"{room.name}.tar.xz", Path(folder) / room.name)
+            truth_folder = Path(folder) / room.name / "truth"
+            evaluation = evaluate_project(
+                ProjectFolder.open_existing(project), truth_folder,
+                EvaluationSettings(presets=("better",), prompt_kind="mask"),
+                detector_factory=load_default_detector, sam_factory=load_default_sam,
+                emit=ignore_events, should_stop=never_stop,
+            )  # fmt: skip
+            cameras = read_camera_set(project / "cameras")
+            truth = read_ground_truth(truth_folder, list(cameras.by_photo))
+            scene = Scene(load_gaussians(project / "gaussians"))
+            labels = gaussian_truth(scene, cameras, truth, never_stop)
+            members = [labels == number for number in range(len(truth.objects))]
+            best = compare_with_all(
+                scene, cameras.by_photo, members, truth, evaluation.photos, should_stop=never_stop
+            ).iou.diagonal()
+        for row in evaluation.rows:
+            scene_is_whole = best[truth.objects.index(row.object)] >= WHOLE_IOU
+            cause = "scene" if not scene_is_whole else "holes" if row.holes > row.halo + row.stray else "halo"
+            yield Miss(_ROOMS, row.iou, cause)
+
+
+def in_real_sets(out: Path) -> Iterator[Miss]:
+    """Yield the objects of the real sets."""
+    for name in SETS:
+        for row in measured(name, out, ["better"]):
+            yield Miss(_REAL, row.iou / 100, "holes" if row.holes > row.halo + row.stray else "halo")
+
+
+def table(objects: Sequence[Miss]) -> str:
+    """Return the Markdown table: objects, whole ones, and the causes of the others, by kind of data."""
+    head = " | ".join(_CAUSES.values())
+    lines = [f"| data | objects | whole | {head} |", f"| --- |{' ---: |' * (len(_CAUSES) + 2)}"]
+    for data in (_ROOMS, _REAL):
+        mine = [one for one in objects if one.data == data]
+        missed = [one for one in mine if one.iou < WHOLE_IOU]
+        counts = [sum(one.cause == cause for one in missed) for cause in _CAUSES]
+        cells = [
+            "not known" if data == _REAL and cause == "scene" else str(n)
+            for cause, n in zip(_CAUSES, counts, strict=True)
+        ]
+        lines.append(f"| {data} | {len(mine)} | {len(mine) - len(missed)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure all objects and print the table, or write it into a document."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.causes", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/real_sets"), help="(default: %(default)s)")
+    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table into this file")
+    options = parser.parse_args(arguments)
+    text = table([*in_rooms(), *in_real_sets(options.out)])
+    sys.stdout.write(text + "\n")
+    if options.doc is not None:
+        put_into(options.doc, _PART, f"{MARKS['in sample']}\n\n{text}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
