@@ -8,7 +8,7 @@ GROUPS = {
     "processes": ("tests/engine/core/test_child_process.py", "tests/engine/workers/jobs", "tests/engine/core/system"),
     "files": ("tests/engine/core/files", "tests/engine/project/test_project_folder.py"),
     "structure of photos": ("tests/engine/photos",),
-    "installer": ("tests/engine/install/environment",),
+    "installer": ("tests/engine/core/test_certificates.py", "tests/engine/install/environment"),
     "model files": ("tests/engine/install/models",),
     "formats": ("tests/engine/formats", "tests/engine/scene"),
     "records": ("tests/engine/delivery/records", "tests/engine/delivery/packages"),
