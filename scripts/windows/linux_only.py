@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["BLENDER", "GROUPS", "IN_BLENDER", "NOT_ON_WINDOWS", "QUICK"]
+__all__ = ["BLENDER", "GROUPS", "IN_BLENDER", "NOT_ON_WINDOWS", "QUICK", "WITH_MODELS"]
 
 GROUPS = {
     "processes": ("tests/engine/core/test_child_process.py", "tests/engine/workers/jobs", "tests/engine/core/system"),
@@ -78,6 +78,9 @@ IN_BLENDER = {
     "from photos to files": ("test_end_to_end.py",),
 }
 """Tests that run in Blender as a module, by what they are about: files of `BLENDER`."""
+
+WITH_MODELS = ("from photos to files",)
+"""Groups of `IN_BLENDER` that need the model files."""
 
 NOT_ON_WINDOWS: dict[str, str] = {
     "tests/engine/photos/test_bounded.py::test_child_without_enough_memory_rejects_its_photo_only": (
