@@ -21,6 +21,8 @@ __all__ = ["CERTIFICATE_VARIABLE", "system_context", "untrusted_certificate"]
 
 CERTIFICATE_VARIABLE = "SSL_CERT_FILE"
 """Environment variable with a file of certificates that are trusted, as OpenSSL has it."""
+_OUT_OF_DATE = {9, 10, 0x800B0101, -67818, -67819}
+"""Codes of a certificate that is not valid now: of OpenSSL, Windows and macOS. The last two translate their words."""
 _SECONDS = 15.0
 _MAX_NAME = 200
 
@@ -45,20 +47,23 @@ def system_context() -> ssl.SSLContext:
 
 
 def untrusted_certificate(
-    host: str, port: int = 443, *, why: str = "", proxies: Mapping[str, str] | None = None
-) -> str:
+    host: str, port: int = 443, *, error: ssl.SSLCertVerificationError | None = None,
+    proxies: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
     """Return a sentence about a server whose certificate is not trusted: who issued it, and what to do.
 
     Parameters
     ----------
     host : str
     port : int
-    why : str
-        What OpenSSL said; empty if unknown.
+    error : SSLCertVerificationError, optional
+        What OpenSSL or the system said.
     proxies : mapping, optional
         Proxies by scheme; by default those of the environment. Used to look at the certificate.
     """
-    if "expired" in why or "not yet valid" in why:
+    # That of truststore has neither where a server showed no certificate.
+    why = str(getattr(error, "verify_message", "")).rstrip(".")
+    if getattr(error, "verify_code", 0) in _OUT_OF_DATE:
         return f"The certificate of {host} is not valid now ({why}). Check the date of this computer, and try again."
     issuer = _issuer(host, port, urllib.request.getproxies() if proxies is None else proxies)
     named = f"a certificate that {issuer!r} issued" if issuer else "a certificate"

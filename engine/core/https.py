@@ -137,7 +137,7 @@ def open_https(
                 raise
             parts = urlsplit(address)
             sentence = untrusted_certificate(
-                parts.hostname or "", parts.port or 443, why=error.reason.verify_message,
+                parts.hostname or "", parts.port or 443, error=error.reason,
                 proxies=connection.proxies(parts.hostname or ""),
             )  # fmt: skip
             raise EnvironmentProblem(sentence) from error

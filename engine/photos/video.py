@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from ..core.errors import Cancelled, FormatError, PhotoError
 from ..core.events import Emit, Progress, StopCheck
 from ..core.files import atomic_write, delete_derived, file_sha256, path_within, read_json, write_json
+from ..core.system import variable_for_libraries
 from .kinds import VIDEO, kind_of_file
 from .settings import VIDEO_SUFFIXES, VideoSettings
 
@@ -201,15 +201,8 @@ def _opened(video: Path) -> VideoCapture:
     """
     import cv2
 
-    before = os.environ.get(_OPTIONS_VARIABLE)
-    os.environ[_OPTIONS_VARIABLE] = _OPTIONS
-    try:
+    with variable_for_libraries(_OPTIONS_VARIABLE, _OPTIONS):
         return cv2.VideoCapture(str(video), cv2.CAP_FFMPEG)
-    finally:
-        if before is None:
-            del os.environ[_OPTIONS_VARIABLE]
-        else:
-            os.environ[_OPTIONS_VARIABLE] = before
 
 
 def _length(video: Path) -> tuple[int, float]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-__all__ = ["BLENDER", "GROUPS", "IN_BLENDER", "NOT_ON_WINDOWS", "QUICK"]
+__all__ = ["BLENDER", "GROUPS", "IN_BLENDER", "NOT_ON_WINDOWS", "QUICK", "WITH_MODELS"]
 
 GROUPS = {
     "processes": ("tests/engine/core/test_child_process.py", "tests/engine/workers/jobs", "tests/engine/core/system"),
     "files": ("tests/engine/core/files", "tests/engine/project/test_project_folder.py"),
     "structure of photos": ("tests/engine/photos",),
-    "installer": ("tests/engine/install/environment",),
+    "installer": ("tests/engine/core/test_certificates.py", "tests/engine/install/environment"),
     "model files": ("tests/engine/install/models",),
     "formats": ("tests/engine/formats", "tests/engine/scene"),
     "records": ("tests/engine/delivery/records", "tests/engine/delivery/packages"),
@@ -78,6 +78,9 @@ IN_BLENDER = {
     "from photos to files": ("test_end_to_end.py",),
 }
 """Tests that run in Blender as a module, by what they are about: files of `BLENDER`."""
+
+WITH_MODELS = ("from photos to files",)
+"""Groups of `IN_BLENDER` that need the model files."""
 
 NOT_ON_WINDOWS: dict[str, str] = {
     "tests/engine/photos/test_bounded.py::test_child_without_enough_memory_rejects_its_photo_only": (

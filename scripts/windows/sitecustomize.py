@@ -1,17 +1,29 @@
-r"""Two gaps of Wine: the limit of 260 characters of a path, and the error of a file that another process has locked.
+r"""Gaps of Wine: the limit of 260 characters of a path, locked files, and certificates of servers.
 
-`msvcrt.locking` fails with the error 0 under Wine, and with EACCES on Windows.
+Where another process has locked a file, `msvcrt.locking` fails with the error 0 under Wine, with EACCES on Windows.
 
-It lies in the library of Windows' Python, so every process has the limit, also below a virtual environment and with
-the option ``-I``. Environment variable WINTEST_MAX_PATH: the longest path with the zero at its end (260 on Windows,
-unless long paths were enabled), 0 or missing for no limit. As on Windows, paths that begin with ``\\?\`` are not
-limited, and a folder needs 12 characters more. Native code of packages is not limited.
+Windows' check of a certificate, which truststore asks, takes roots of the caller and addresses of IP. Wine's knows the
+settings of own roots in their size before Windows 8 only, and compares no address with those in a certificate.
+
+This file lies in the library of Windows' Python, so all this holds in every process, also below a virtual environment
+and with the option ``-I``. Environment variable WINTEST_MAX_PATH: the longest path with the zero at its end (260 on
+Windows, unless long paths were enabled), 0 or missing for no limit. As on Windows, paths that begin with ``\\?\`` are
+not limited, and a folder needs 12 characters more. Native code of packages is not limited.
 """
 
+from __future__ import annotations
+
 import errno
+import importlib.machinery
 import msvcrt
 import os
 import sys
+
+TYPE_CHECKING = False  # without `typing`, whose import every process would wait for
+if TYPE_CHECKING:
+    import types
+    from collections.abc import Callable
+    from typing import Any
 
 _EVENTS = {
     "open", "os.listdir", "os.scandir", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.truncate", "os.utime",
@@ -78,6 +90,56 @@ def _locking(file: int, mode: int, n_bytes: int) -> None:
 
 
 msvcrt.locking = _locking  # type: ignore[attr-defined]
+
+
+class _Certificates:
+    """Loads truststore's module for Windows, also that in pip, and closes the gaps of Wine in it."""
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> object:
+        if not name.endswith("truststore._windows"):
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path, target)  # type: ignore[arg-type]
+        if spec is not None and spec.loader is not None:
+            own = spec.loader.exec_module
+            spec.loader.exec_module = lambda module: _check_addresses(module, own)  # type: ignore[method-assign]
+        return spec
+
+
+def _check_addresses(module: types.ModuleType, load: Callable[[types.ModuleType], None]) -> None:
+    import ctypes
+    import ipaddress
+    import ssl
+
+    load(module)
+    create, verify = module.CertCreateCertificateChainEngine, module._get_and_verify_cert_chain
+
+    def create_engine(settings: Any, engine: object) -> object:
+        settings.contents.cbSize = module.CERT_CHAIN_ENGINE_CONFIG.dwExclusiveFlags.offset
+        return create(settings, engine)
+
+    def verify_chain(
+        context: Any, engine: object, store: object, certificate: Any, parameters: object, host: str | None,
+        chain_flags: int,
+    ) -> None:  # fmt: skip
+        try:
+            address = ipaddress.ip_address(host or "").packed
+        except ValueError:
+            verify(context, engine, store, certificate, parameters, host, chain_flags)
+            return
+        verify(context, engine, store, certificate, parameters, None, chain_flags)
+        shown = ctypes.string_at(certificate.contents.pbCertEncoded, certificate.contents.cbCertEncoded)
+        # Among the names in a certificate, 0x87 and the length come before an address.
+        if context.check_hostname and bytes((0x87, len(address))) + address not in shown:
+            error = ssl.SSLCertVerificationError(_OTHER_NAME)
+            error.verify_message, error.verify_code = _OTHER_NAME, _CERT_E_CN_NO_MATCH
+            raise error
+
+    module.CertCreateCertificateChainEngine = create_engine  # type: ignore[attr-defined]
+    module._get_and_verify_cert_chain = verify_chain  # type: ignore[attr-defined]
+
+
+_OTHER_NAME, _CERT_E_CN_NO_MATCH = "The certificate's CN name does not match the passed value.", 0x800B010F
+sys.meta_path.insert(0, _Certificates())
 
 if _max_path := int(os.environ.get("WINTEST_MAX_PATH") or 0):
     _install(_max_path)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path, PureWindowsPath
 
 from .launch import CODE_PAGES, USER, Windows
-from .linux_only import BLENDER, GROUPS, IN_BLENDER, NOT_ON_WINDOWS, QUICK
+from .linux_only import BLENDER, GROUPS, IN_BLENDER, NOT_ON_WINDOWS, QUICK, WITH_MODELS
 from .problem import Problem
 from .steps import Context, Step
 
@@ -67,12 +67,23 @@ def test_addon(name: str, context: Context) -> str:
         "GAUSSIAN_HERITAGE_FIXTURES": context.product / "tests" / "fixtures",
     }  # fmt: skip
     environment = {name: computer.windows(path) for name, path in variables.items()}
+    if name in WITH_MODELS:
+        _fetch_models(context, computer)
     files = IN_BLENDER[name]
     words = [computer.environment_python("blender"), "-P", "-m", "pytest", "-c", folder / "tests" / "pytest.ini"]
     words += [folder / "tests" / file for file in files]
     ids = [one.removeprefix(BLENDER) for one in NOT_ON_WINDOWS]
     left_out = [one for one in ids if one.startswith(files)]
     return _run_tests(f"add-on in Blender, {name}", context, computer, words, folder, left_out, environment)
+
+
+def _fetch_models(context: Context, computer: Windows) -> None:
+    """Fetch the model files of the user, as `make setup` does."""
+    command = [computer.tests_python, "-m", "engine", "models", "fetch"]
+    variables = {"PYTHONDONTWRITEBYTECODE": "1"}
+    done = computer.run(command, cwd=context.product, timeout=_MAX_SECONDS, env=variables)
+    if done.code:
+        raise Problem(f"the model files were not fetched: {done.err.strip()[-300:]}")
 
 
 def _run_tests(

@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from .stopping import STOP_VARIABLE, StopOnSignal, request_stop
     from .text import json_printable, printable, run_text, with_utf8
     from .times import change_time_ns, name_in_order
+    from .variables import variable_for_libraries
 
 __all__ = [
     "CODE_ROOT",
@@ -127,6 +128,7 @@ __all__ = [
     "unsupported",
     "usable_cores",
     "use_cores",
+    "variable_for_libraries",
     "wall_seconds_limited",
     "with_utf8",
 ]

@@ -22,7 +22,8 @@ ONE_INDEX = {"PIP_EXTRA_INDEX_URL": " ", "PIP_FIND_LINKS": " "}
 empty value would not."""
 
 _REPORT = {"install": [{"metadata": dict, "download_info": dict}]}
-_UNTRUSTED = "CERTIFICATE_VERIFY_FAILED"
+_UNTRUSTED = "SSLCertVerificationError"
+"""In pip's output about a certificate. The words of the error are those of the system, in the user's language."""
 _VERSION = re.compile(r"pip (\d+(?:\.\d+)*)")
 _SERVER = re.compile(r"host='([\w.-]+)', port=(\d+)")
 _POLL_SECONDS = 0.2

@@ -140,6 +140,17 @@ def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path
     bpy.context.preferences.addons[installed].preferences.engine_python = ""
 
 
+@pytest.fixture
+def fake_command(installed: str, fake_engine: Callable[[str], Path]) -> Callable[[str], list[str]]:
+    """Return a function that makes a fake engine, which runs the given source, and returns the command to start it."""
+
+    def make(text: str) -> list[str]:
+        fake_engine(text)
+        return [bpy.context.preferences.addons[installed].preferences.engine_python]
+
+    return make
+
+
 def forget_jobs(runner: ModuleType) -> None:
     """Let the job runner forget all jobs; those that run are not ended."""
     runner._job, runner._waits_for_object_mode = None, False

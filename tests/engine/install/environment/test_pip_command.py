@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
 import venv
 from pathlib import Path
@@ -74,6 +75,29 @@ def test_program_is_ended_when_the_user_stops(tmp_path: Path) -> None:
 def test_missing_program_is_told(tmp_path: Path) -> None:
     with pytest.raises(EnvironmentProblem, match="could not be started"):
         run_logged([tmp_path / "nothing"], tmp_path / "log", "")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "1, '[SSL: CERTIFICATE_VERIFY_FAILED] certificate verify failed: self-signed certificate (_ssl.c:1006)'",
+        # Of Windows, in the language of the user.
+        "'Eine Zertifikatkette endete mit einem Stammzertifikat, das nicht als vertrauenswürdig gilt.'",
+    ],
+)
+def test_refused_certificate_is_recognised_in_each_language(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cause = f"(Caused by SSLError(SSLCertVerificationError({words})))"
+    line = f"HTTPSConnectionPool(host='pypi.org', port=443): Max retries exceeded with url: /simple/ {cause} - skipping"
+    code = f"import sys; print({line!r}); print('ERROR: No matching distribution found'); sys.exit(1)"
+    with pytest.raises(NotTrusted, match="No matching distribution found") as told:
+        run_logged([sys.executable, "-X", "utf8", "-c", code], tmp_path / "log", "It failed")
+    assert (told.value.host, told.value.port) == ("pypi.org", 443)
+    answer = subprocess.CompletedProcess([], 1, stdout="", stderr=line)
+    monkeypatch.setattr("engine.install.environment.pip_command.run_text", lambda *_, **__: answer)
+    with pytest.raises(NotTrusted):
+        Pip(Path(sys.executable), tmp_path / "log").offered(["our-package"])
 
 
 @pytest.mark.parametrize("trusted", [False, True])
