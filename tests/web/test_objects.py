@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from playwright.sync_api import Locator, Page, expect
 
 from benchmarks.serve.page import read_picture
+from engine.formats import read_ply
+from engine.scene import Gaussians
 
 from .conftest import RUN_MS, keep_picture, wait_for_scene
 from .test_page import downloaded
@@ -50,6 +52,13 @@ def vase(page: Page) -> Locator:
         isolate(page, "vase")
     expect(found).to_be_visible(timeout=RUN_MS)
     return found
+
+
+def object_file(page: Page, one: Locator, file: Path) -> Gaussians:
+    """Return the Gaussians of the PLY that the card of an object gives."""
+    if not one.get_by_role("link", name="PLY").is_visible():
+        one.get_by_text("Download").click()
+    return read_ply(downloaded(page, one.get_by_role("link", name="PLY"), file))
 
 
 def picture(page: Page, folder: Path) -> NDArray[np.float64]:
@@ -206,6 +215,33 @@ def test_scene_and_object_are_downloaded_as_spz_and_usd(scene: Page, tmp_path: P
     one = vase(scene)
     one.get_by_text("Download").click()
     assert downloaded(scene, one.get_by_role("link", name="SPZ"), tmp_path / "one").stat().st_size > 100
+
+
+@pytest.mark.slow
+def test_object_gets_detail_which_is_shown_and_downloaded(scene: Page, tmp_path: Path) -> None:
+    one = vase(scene)
+    before = object_file(scene, one, tmp_path / "before.ply")
+    expect(one).not_to_contain_text("with detail")
+    one.get_by_role("button", name="Show alone").click()
+    expect(scene.get_by_role("button", name="Show the whole scene")).to_be_visible(timeout=RUN_MS)
+    expect(scene.locator(".loading")).to_be_hidden()
+    scene.wait_for_timeout(500)
+    plain = picture(scene, tmp_path)
+    one.get_by_role("button", name="Add detail", exact=True).click()
+    expect(scene.get_by_text("Detail from the photos: vase.")).to_be_visible(timeout=RUN_MS)
+    # What is shown alone is shown anew.
+    expect(one).to_contain_text("with detail")
+    expect(scene.get_by_text("vase alone")).to_be_visible()
+    expect(scene.locator(".loading")).to_be_hidden()
+    scene.wait_for_timeout(500)
+    assert changed(plain, picture(scene, tmp_path)) > SEEN
+    keep_picture(scene, "detail")
+    after = object_file(scene, one, tmp_path / "after.ply")
+    assert len(after) > len(before) > 0
+    one.get_by_role("button", name="Show in the scene").click()
+    scene.get_by_role("button", name="Add detail to all").click()
+    expect(scene.get_by_text("Detail from the photos:")).to_be_visible(timeout=RUN_MS)
+    expect(one).to_contain_text("with detail")
 
 
 @pytest.mark.web
