@@ -14,6 +14,7 @@ from playwright.sync_api import Locator, Page, expect
 from benchmarks.serve.page import read_picture
 from engine.formats import read_ply
 from engine.scene import Gaussians
+from tests.conftest import wait_until
 
 from .conftest import RUN_MS, keep_picture, wait_for_scene
 from .test_page import downloaded
@@ -21,6 +22,15 @@ from .test_page import downloaded
 OpenPage = Callable[..., Page]
 SEEN = 0.002
 """Share of the pixels that differ where something is lit, hidden or dimmed: the vase covers more of every photo."""
+SIZE_OF_CANVAS = "['Height', 'Width'].map((side) => document.querySelector('canvas')[`client${side}`])"
+"""Height and width in CSS pixels, which are those of the picture on a screen of usual density."""
+HOLD_ARROW = """
+() => {
+  const canvas = document.querySelector("canvas");
+  setInterval(() => canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" })), 50);
+}
+"""
+"""As while a key is held."""
 LOOKS = 20
 """Pictures that are looked at until the last movement is drawn."""
 
@@ -154,6 +164,24 @@ def test_first_view_leads_back(scene: Page, tmp_path: Path) -> None:
 
 
 @pytest.mark.web
+def test_picture_is_saved_sharp_while_the_camera_moves(open_page: OpenPage, scene_path: str, tmp_path: Path) -> None:
+    page = open_page(path=scene_path)
+    # A slow computer, which draws fewer pixels while the camera moves.
+    page.add_init_script(
+        "const next = window.requestAnimationFrame.bind(window);"
+        "window.requestAnimationFrame = (draw) => setTimeout(() => next(draw), 200);"
+    )
+    page.reload()
+    wait_for_scene(page, RUN_MS)
+    first = picture(page, tmp_path)
+    assert first.shape == (*page.evaluate(SIZE_OF_CANVAS), 3)
+    page.evaluate(HOLD_ARROW)
+    wait_until(lambda: page.evaluate("document.querySelector('canvas').width") < first.shape[1])
+    moved = picture(page, tmp_path)
+    assert moved.shape == first.shape and changed(first, moved) > 0.2
+
+
+@pytest.mark.web
 def test_views_are_gone_through(scene: Page) -> None:
     pressed = scene.locator(".strip button[aria-pressed=true]")
     expect(pressed).to_have_attribute("data-photo", "view_00.jpg")
@@ -231,10 +259,8 @@ def test_object_gets_detail_which_is_shown_and_downloaded(scene: Page, tmp_path:
     expect(scene.get_by_text("Detail from the photos: vase.")).to_be_visible(timeout=RUN_MS)
     # What is shown alone is shown anew.
     expect(one).to_contain_text("with detail")
+    wait_until(lambda: changed(plain, picture(scene, tmp_path)) > SEEN)
     expect(scene.get_by_text("vase alone")).to_be_visible()
-    expect(scene.locator(".loading")).to_be_hidden()
-    scene.wait_for_timeout(500)
-    assert changed(plain, picture(scene, tmp_path)) > SEEN
     keep_picture(scene, "detail")
     after = object_file(scene, one, tmp_path / "after.ply")
     assert len(after) > len(before) > 0
