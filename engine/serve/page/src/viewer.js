@@ -75,7 +75,7 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   const resizing = new ResizeObserver(() => resize());
   resizing.observe(canvas);
   app.systems.gsplat.on("frame:request", draw);
-  app.systems.gsplat.on("frame:ready", (_camera, _layer, ready) => ready || draw());
+  app.systems.gsplat.on("frame:ready", (_camera, _layer, ready) => ready || drawNext());
   app.start();
   resize();
 
@@ -141,6 +141,11 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   function draw() {
     if (!app.renderNextFrame) requested = performance.now();
     app.renderNextFrame = true;
+  }
+
+  /** Ask for a picture after the present one; `draw` is without effect while a picture is drawn. */
+  function drawNext() {
+    app.once("frameend", draw);
   }
 
   // How fast this computer draws: the time from the request, or from the picture before, to the picture.
@@ -225,7 +230,7 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
       const onReady = (_camera, _layer, ready, loading) => {
         frames += 1;
         if (ready && loading === 0 && frames >= least) app.once("frameend", end);
-        draw();
+        else drawNext();
       };
       const giveUp = () => {
         if (document.hidden) return end();
