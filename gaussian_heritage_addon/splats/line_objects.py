@@ -97,7 +97,10 @@ def _frame_box(obj: bpy.types.Object, frame: Float64) -> Float64:
     """Return a box around the lines from a camera to its frame, and the triangle above."""
     # Blender draws it without the scale of the object.
     scales = np.linalg.norm(world_matrix(obj)[:3, :3], axis=0)
-    half = np.abs(frame).max(axis=0) + (0.0, obj.data.display_size, 0.0)
+    size = obj.data.display_size
+    # With perspective, Blender tells the frame of a camera of the size 1; otherwise that which is drawn, at a distance.
+    factors = size if obj.data.type == "PERSP" else np.array([1.0, 1.0, max(1.0, size)])
+    half = factors * np.abs(frame).max(axis=0) + (0.0, size, 0.0)
     box: Float64 = _MARGIN / min(1.0, max(1e-6, scales.min())) * half * _BOX[None]
     return box
 

@@ -280,6 +280,10 @@ def test_lines_are_near_a_click_where_blender_may_draw_them(lines: dict[str, bpy
     assert found(560, 565) == {"ruler", "light"}
     # Within the box around the ruler, but not on it.
     assert found(550, 650) == {"light"}
+    # The cameras of photos are drawn small.
+    assert "camera" in found(612, 600)
+    lines["camera"].data.display_size = 0.05
+    assert "camera" not in found(612, 600) and "camera" in found(603, 600)
     lines["empty"].empty_display_size = 6.0
     bpy.context.view_layer.update()
     assert found(550, 650) == {"empty", "light"}
