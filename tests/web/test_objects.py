@@ -250,8 +250,8 @@ def test_scene_and_object_are_downloaded_as_spz_and_usd(scene: Page, tmp_path: P
 def test_detail_for_all_objects_begins_and_is_stopped(scene: Page) -> None:
     vase(scene)
     scene.get_by_role("button", name="Add detail to all").click()
-    working = scene.locator(".job").filter(has_text="Add detail to all objects")
-    expect(working).to_be_visible(timeout=RUN_MS)
+    working = scene.locator(".panel .job")
+    expect(working).to_contain_text("Add detail to all objects", timeout=RUN_MS)
     working.get_by_role("button", name="Stop", exact=True).click()
     expect(working.get_by_role("button", name="Stop", exact=True)).to_be_hidden(timeout=RUN_MS)
     working.get_by_role("button", name="Dismiss").click()
