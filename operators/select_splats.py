@@ -61,9 +61,9 @@ class HERITAGE_OT_select_splats(bpy.types.Operator):
         if not splats:
             return {"PASS_THROUGH"}
         place = event.mouse_region_x, event.mouse_region_y
-        ray = sight_of_viewport(context.region, context.region_data).ray(place[0] + 0.5, place[1] + 0.5)
-        obj, distance = object_seen(splats, ray)
-        if obj is None or hides_splats(context, place, ray, distance):
+        sight = sight_of_viewport(context.region, context.region_data)
+        obj, distance = object_seen(splats, sight.ray(place[0] + 0.5, place[1] + 0.5))
+        if obj is None or hides_splats(context, sight, place, distance):
             return {"PASS_THROUGH"}
         if event.value != "PRESS":
             self.select(context, obj)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from places import ROOT
@@ -56,6 +57,7 @@ print(shown.name)
         + ADD_BLACK_WORLD
     )
     _compare(window, "shown", name)
+    _compare(window, "by_key", name, engines=("CYCLES",), render=_press_f12)
     file = window.work / "shown.blend"
     window.python(f"""
 bpy.ops.wm.save_as_mainfile(filepath={str(file)!r}, copy=True)
@@ -80,8 +82,34 @@ bpy.ops.heritage.set_up_render()
     _compare(window, "appended", name)
 
 
-def _compare(window: Window, place: str, name: str) -> None:
-    """Render in each engine by the operator of F12, and compare with what the viewport draws of an object."""
+def _call_render(window: Window) -> None:
+    """Render by the operator of F12."""
+    window.python("bpy.ops.render.render()")
+
+
+def _press_f12(window: Window) -> None:
+    """Render by the key, with the pointer over the view, and close the window of the result."""
+    left, top, width, height = window.region("VIEW_3D", "WINDOW")
+    window.python("rendered = []\ndef note(*_): rendered.append(True)\nbpy.app.handlers.render_complete.append(note)")
+    window.run("move", left + width // 3, top + height // 2)
+    window.keys("F12")
+    window.wait_for("rendered", 180)
+    window.python("""
+bpy.app.handlers.render_complete.remove(note)
+for one in list(bpy.context.window_manager.windows)[1:]:
+    with bpy.context.temp_override(window=one): bpy.ops.wm.window_close()
+""")
+
+
+def _compare(
+    window: Window,
+    place: str,
+    name: str,
+    *,
+    engines: Sequence[str] = ENGINES,
+    render: Callable[[Window], None] = _call_render,
+) -> None:
+    """Render in each engine, and compare with what the viewport draws of an object."""
     from PIL import Image
 
     seen = window.work / f"{place}.npy"
@@ -90,12 +118,11 @@ def _compare(window: Window, place: str, name: str) -> None:
     if expected.max() < 0.1:
         window.fail("the viewport draws nothing of the object")
     pictures = [expected]
-    for engine in ENGINES:
+    for engine in engines:
         out = window.work / "screenshots" / f"render_{place}_{engine.lower()}.png"
-        window.python(
-            f"bpy.context.scene.render.engine = {engine!r}; bpy.ops.render.render(); "
-            f"bpy.data.images['Render Result'].save_render({str(out)!r})"
-        )
+        window.python(f"bpy.context.scene.render.engine = {engine!r}")
+        render(window)
+        window.python(f"bpy.data.images['Render Result'].save_render({str(out)!r})")
         found = np.asarray(Image.open(out).convert("RGB"), np.float32) / 255
         likeness = float(-10 * np.log10(np.mean((found - expected) ** 2)))
         if likeness < LEAST_LIKENESS:

@@ -73,6 +73,30 @@ def nothing_shown() -> None:
         obj.hide_viewport = False
 
 
+def click() -> None:
+    """Print the CPU and wall seconds of the first click on visible splats, and of asking Blender for lines there."""
+    window, area, region = viewport()
+    selection, sight_type = (
+        part("gaussian_heritage_addon.splats.view_selection"),
+        part("gaussian_heritage_addon.splats.sight"),
+    )
+    place = region.width // 2, region.height // 2
+    costs = []
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        matrix = np.array(region.data.perspective_matrix, np.float64)
+        sight = sight_type.Sight(region.width, region.height, matrix)
+        for step in ("click", "ask"):
+            cpu, wall = time.process_time(), time.perf_counter()
+            if step == "click":
+                splats = selection.selectable_splats(bpy.context)
+                _, distance = selection.object_seen(splats, sight.ray(place[0] + 0.5, place[1] + 0.5))
+                selection.hides_splats(bpy.context, sight, place, distance)
+            else:
+                selection._has_line(bpy.context, place, [])
+            costs.append((time.process_time() - cpu, time.perf_counter() - wall))
+    print(json.dumps(costs))
+
+
 def slide(count: int) -> None:
     """Print the median CPU and wall seconds from a change of the threshold of a new object to the redrawn window."""
     rng, scene = np.random.default_rng(0), bpy.context.scene

@@ -22,7 +22,9 @@ __all__ = ["engine_picture", "pinhole", "psnr"]
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def engine_picture(project: Path, photo: str, side: int, work: Path) -> NDArray[np.float32]:
+def engine_picture(
+    project: Path, photo: str, side: int, work: Path, object_id: str | None = None
+) -> NDArray[np.float32]:
     """Return the engine's picture of the view of a photo without lens distortion, shape [H, W, 3], 0 to 1.
 
     Parameters
@@ -33,6 +35,8 @@ def engine_picture(project: Path, photo: str, side: int, work: Path) -> NDArray[
         Longest side in pixels.
     work : Path
         Folder for files.
+    object_id : str, optional
+        Of this object alone, on black; otherwise of the scene.
     """
     from PIL import Image
 
@@ -40,6 +44,7 @@ def engine_picture(project: Path, photo: str, side: int, work: Path) -> NDArray[
     file, out = work / "camera.json", work / "engine.png"
     file.write_text(json.dumps(pinhole(camera, side)))
     command = [sys.executable, "-m", "engine", "render", project, "--camera", file, "--out", out, "--overwrite"]
+    command += [] if object_id is None else ["--object", object_id]
     subprocess.run(
         [str(word) for word in [*command, "--device", "cpu"]], cwd=ROOT, check=True, stdout=subprocess.DEVNULL
     )

@@ -5,20 +5,18 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
+from .processes import ROOT, python_of
 
-from places import blender_environments, python_of  # noqa: E402
-from window_driver import Window  # noqa: E402
+# In the folder that `processes` has made known.
+from window_driver import Window  # isort: skip
 
-__all__ = ["BlenderWindow", "blender_environments"]
+__all__ = ["BlenderWindow"]
 
 
 class BlenderWindow:

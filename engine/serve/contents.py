@@ -6,10 +6,10 @@ from dataclasses import asdict
 from typing import Any
 
 from ..core.errors import HeritageError
-from ..core.files import path_within
+from ..core.files import object_file, path_within
 from ..project.content import ProjectObject, is_project, list_objects
 from ..project.folder import ProjectFolder
-from ..project.objects import load_record
+from ..project.objects import RECORD_FILE, load_record, read_record, state_of
 from ..project.refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
 from .library import WebProject, size_of
@@ -66,11 +66,15 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
 
 
 def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
-    """Return an object with the record that a curator has entered."""
+    """Return an object with the record that a curator has entered, and the state that tells when it has changed."""
     record = asdict(load_record(project.project, item.id))
+    file = object_file(project.project, item.id, RECORD_FILE)
+    detail = read_record(file).detail or {}
     shown = {name: getattr(item, name) for name in ("id", "name", "prompt", "score", "kind", "n_gaussians")}
     picture = f"/api/v1/projects/{project.id}/objects/{item.id}/thumbnail.jpg"
-    return {**shown, **record, "picture": picture}
+    return {
+        **shown, **record, "picture": picture, "state": state_of(file.parent), "has_detail": bool(detail.get("kept"))
+    }  # fmt: skip
 
 
 def describe_removed(item: TrashItem) -> dict[str, Any]:

@@ -20,12 +20,15 @@ _REST = {
     "--all": pgettext_n("find all"),
     "--complement": pgettext_n("isolate the background"),
     "--refine": pgettext_n("correct {}"),
+    "--detail": pgettext_n("add detail to {}"),
     "--prompt": pgettext_n("isolate {}"),
     "--name": pgettext_n("isolate {}"),
     "--accept": pgettext_n("isolate a candidate"),
     "--click": pgettext_n("isolate what was clicked"),
 }
 """By word or option of a command of the engine, the most telling first; {}: the value of the option."""
+_WITHOUT_VALUE = {"--detail": pgettext_n("add detail to all objects")}
+"""The same where an option that may have a value has none."""
 
 
 def job_name(kind: str, subject: Path, command: Sequence[str]) -> str:
@@ -36,6 +39,7 @@ def job_name(kind: str, subject: Path, command: Sequence[str]) -> str:
     for option, text in _REST.items():
         if option in options:
             value = options[option]
+            text = text if value else _WITHOUT_VALUE.get(option, text)
             value = ", ".join(split_texts(value)) if option == "--prompt" else value
             return translated(text, plain_text(value)[:_MAX_LENGTH]) if "{}" in text else translated(text)
     return f"{kind} {plain_text(subject.name)[:_MAX_LENGTH]}"

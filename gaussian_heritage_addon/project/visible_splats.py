@@ -157,7 +157,7 @@ class SplatsInView:
 
 def _layer(obj: bpy.types.Object, isolated: Sequence[bpy.types.Object], names: Sequence[str]) -> SplatLayer:
     splats = SplatScene.of(obj)
-    gaussians = splats.local_gaussians()
+    gaussians = splats.local_gaussians(harmonics=False)
     shown = gaussians.opacities > ALPHA_MIN
     labels = np.full(len(gaussians), -1, np.int32)
     if obj.heritage.role == "OBJECT":
@@ -213,7 +213,9 @@ def photo_of_point(scene: bpy.types.Scene, cameras: Sequence[Camera], point: Flo
     """
     whole = _whole(scene)
     inverse = np.linalg.inv(scene_placement(whole))
-    caster = RayCaster(moved_gaussians(SplatScene.of(whole).local_gaussians(), np.linalg.inv(frame_of_whole(whole))))
+    caster = RayCaster(
+        moved_gaussians(SplatScene.of(whole).local_gaussians(harmonics=False), np.linalg.inv(frame_of_whole(whole)))
+    )
     local, look = inverse[:3, :3] @ point + inverse[:3, 3], inverse[:3, :3] @ direction
     look /= np.linalg.norm(look)
 

@@ -44,6 +44,32 @@ class Sight:
             unit = np.where(depth > 1e-9, homogeneous[:, :2] / depth, np.nan)
         return (unit + 1.0) * (self.width / 2.0, self.height / 2.0)
 
+    def may_show(self, shapes: Float64, place: tuple[float, float], reach: float) -> NDArray[np.bool_]:
+        """Return which shapes may be seen within `reach` pixels of a place, shape [S].
+
+        Parameters
+        ----------
+        shapes : array of shape [S, P, 3]
+            Convex shapes of P corners in the world. For lines, P = 2, the answer is exact within a square of twice
+            `reach`; other shapes may be farther away.
+        place : (float, float)
+            Pixels from the lower left corner.
+        reach : float
+        """
+        rows, size = self.window_from_world, np.array([self.width, self.height])
+        corners = shapes @ rows[[0, 1, 3], :3].T + rows[[0, 1, 3], 3]
+        low, high = (2.0 * (np.array(place) + side) / size - 1.0 for side in (-reach, reach))
+        # Homogeneous, so that what is partly behind the eye counts with the part before it.
+        depth = corners[..., 2:]
+        outside = (corners[..., :2] < low * depth).all(axis=1) | (corners[..., :2] > high * depth).all(axis=1)
+        hidden = outside.any(axis=1) | (depth[..., 0] <= 0).all(axis=1)
+        if shapes.shape[1] == 2:
+            line = np.cross(corners[:, 0], corners[:, 1])
+            square = np.array([[x, y, 1.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+            sides = line @ square.T
+            hidden |= (sides < 0).all(axis=1) | (sides > 0).all(axis=1)
+        return ~hidden
+
 
 def ray_through(window_from_world: Float64, u: float, v: float) -> tuple[Float64, Float64]:
     """Return origin [3] and unit direction [3] of the ray at (u, v), -1 to 1 across a view, in perspective or not.

@@ -188,11 +188,14 @@ class SplatScene:
                 return None
             return _read_numbers(mesh, "membership", "FLOAT", np.zeros(len(mesh.vertices), np.float32))
 
-    def local_gaussians(self) -> Gaussians:
-        """Return all Gaussians in the frame of the object, including edits in Edit Mode."""
+    def local_gaussians(self, *, harmonics: bool = True) -> Gaussians:
+        """Return all Gaussians in the frame of the object, including edits in Edit Mode.
+
+        Without `harmonics`, their colours are the same from all sides. Most of the time of reading is that of them.
+        """
         with self._readable_mesh() as mesh:
             base = _read(mesh, "radiance:base")
-            bands = number_of_harmonics(mesh, self.name)
+            bands = number_of_harmonics(mesh, self.name) if harmonics else 0
             sh = np.empty((len(base), 1 + bands, 3), dtype=np.float32)
             sh[:, 0] = base[:, :3]
             for k in range(bands):

@@ -16,6 +16,7 @@ from ...engine.rasterizer.settings import ALPHA_MIN
 from ...engine.scene import RayCaster
 from ..blender.guards import add_change_handler, add_load_handler, remove_change_handler, remove_handler
 from ..blender.world_placement import world_matrix
+from .line_objects import lines_near
 from .sight import Sight, SplatLayer, inside_polygon, seen_on_ray
 from .splat_view import shown_splats
 from .splats import SplatScene
@@ -29,8 +30,6 @@ _MIN_OPACITY = 0.15
 """Fainter Gaussians are no part of an object that a box or lasso can catch: floaters would make all objects large."""
 _REACH = 6
 """Pixels around a click within which a line, such as a ruler, is taken instead of the splats behind it."""
-_LINES = frozenset(("ARMATURE", "CAMERA", "EMPTY", "LATTICE", "LIGHT", "LIGHT_PROBE", "SPEAKER"))
-"""Types of objects that Blender draws as lines."""
 
 
 @dataclass(frozen=True)
@@ -82,31 +81,26 @@ def objects_within(objects: list[bpy.types.Object], sight: Sight, corners: Float
     return found
 
 
-def hides_splats(context: bpy.types.Context, place: tuple[int, int], ray: tuple[Float64, Float64], far: float) -> bool:
+def hides_splats(context: bpy.types.Context, sight: Sight, place: tuple[int, int], far: float) -> bool:
     """Return whether Blender draws another object over the splats at a place of the view.
 
     Parameters
     ----------
     context : Context
         Of the region of a 3D view.
+    sight : Sight
+        What the region shows.
     place : (int, int)
         In pixels from the lower left corner of the region.
-    ray : (array of shape [3], array of shape [3])
-        Origin and unit direction of what is seen there, in Blender's world.
     far : float
         Distance of the splats.
     """
+    ray = sight.ray(place[0] + 0.5, place[1] + 0.5)
     hit, point, *_ = context.scene.ray_cast(context.evaluated_depsgraph_get(), *ray)
     if hit and np.linalg.norm(np.array(point) - ray[0]) < far:
         return True
-    lines = [obj for obj in context.visible_objects if _is_line(obj)]
+    lines = lines_near(context, sight, place, _REACH)
     return bool(lines) and _has_line(context, place, lines)
-
-
-def _is_line(obj: bpy.types.Object) -> bool:
-    if obj.heritage.role != "NONE" or obj.hide_select:
-        return False
-    return obj.type in _LINES or (obj.type == "MESH" and len(obj.data.edges) > 0 and not len(obj.data.polygons))
 
 
 def _has_line(context: bpy.types.Context, place: tuple[int, int], lines: list[bpy.types.Object]) -> bool:
@@ -133,7 +127,7 @@ def _of(obj: bpy.types.Object) -> _Known:
     made_of = obj.data.name_full, len(obj.data.vertices), obj.heritage.threshold
     if obj.name not in _known or _known[obj.name].made_of != made_of:
         splats = SplatScene.of(obj)
-        gaussians, membership = splats.local_gaussians(), splats.membership
+        gaussians, membership = splats.local_gaussians(harmonics=False), splats.membership
         shown = gaussians.opacities > ALPHA_MIN
         if membership is not None:
             shown &= membership >= np.float32(obj.heritage.threshold)

@@ -24,6 +24,8 @@ begin() { (exec chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIM
 bind_all() { local IFS=:; for folder in /proc /dev "$work" ${BLENDER_WINDOW_SEES:-}; do bind "$folder"; done; }
 bind() { mkdir -p "$root$1"; mountpoint -q "$root$1" || mount --bind "$1" "$root$1"; }
 start_blender() { begin env WINDOW_WORK="$work" blender --gpu-backend opengl --window-geometry 0 0 1600 1000 "$@" --python "$work/harness.py" >>"$work/blender.log" 2>&1; }
+# xdotool finds the names of F1 to F12 together with Alt, and presses both: F12 never rendered. By numbers it does not.
+number_of() { case $1 in F[1-9] | F10) echo $((66 + ${1#F})) ;; F11 | F12) echo $((84 + ${1#F})) ;; *) echo "$1" ;; esac; }
 mkdir -p "$work/commands" "$work/home"
 case ${1:-} in
 setup)
@@ -66,7 +68,9 @@ path)
   inside xdotool mouseup 1 ;;
 drop) shift; cp "$here/drop.py" "$work/"; inside python3 "$work/drop.py" "$@" ;;
 type) inside xdotool key ctrl+a; sleep 0.2; inside xdotool type --delay 25 "$2"; sleep 0.3; inside xdotool key Return ;;
-key) shift; inside xdotool key "$@" ;;
+key)
+  shift
+  for key in "$@"; do inside xdotool key "$(number_of "$key")"; done ;;
 small) inside convert "$2" -resize 1200x750 -quality 82 "$work/small.jpg" && cp "$work/small.jpg" "$3" ;;
 differ)   # mean difference of a part of two pictures, 0 to 1
   cp "$2" "$work/one.jpg"; cp "$3" "$work/two.jpg"

@@ -74,3 +74,35 @@ def test_polygon_may_be_concave_and_points_behind_the_eye_are_outside() -> None:
     corners = np.array([(0, 0), (4, 0), (4, 4), (2, 1), (0, 4)], np.float64)
     points = np.array([(2, 0.5), (2, 2), (0.5, 2), (3.5, 2), (5, 1), (np.nan, 1)])
     assert sight.inside_polygon(points, corners).tolist() == [True, False, True, True, False, False]
+
+
+def test_line_is_near_a_place_exactly_where_one_of_its_points_is() -> None:
+    view = view_of(CAMERA, zoom=1.0, shift=(0.2, -0.1))
+    window = sight.Sight(1000, 700, view.window_from_world)  # type: ignore[attr-defined]
+    rng = np.random.default_rng(3)
+    # Some ends are behind the eye.
+    lines = rng.uniform(-3, 3, (400, 2, 3))
+    shares = np.linspace(0, 1, 20_001)[:, None]
+    place = 500.0, 350.0
+    near = window.may_show(lines, place, 30.0)
+    for (begin, end), found in zip(lines, near, strict=True):
+        seen = window.positions((1 - shares) * begin + shares * end)
+        away = np.nanmin(np.abs(seen - place).max(axis=1)) if np.isfinite(seen).any() else np.inf
+        # A third of a pixel lies between two of the points that are looked at.
+        assert found or away > 30.0
+        assert not found or away < 30.5
+    assert 5 < near.sum() < 100
+
+
+def test_box_is_near_all_places_that_show_a_part_of_it() -> None:
+    view = view_of(CAMERA, zoom=1.0, shift=(0.2, -0.1))
+    window = sight.Sight(1000, 700, view.window_from_world)  # type: ignore[attr-defined]
+    corners = np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.1, 0.3) for z in (0.0, 0.4)])
+    inside = np.random.default_rng(4).uniform(corners.min(axis=0), corners.max(axis=0), (50, 3))
+    for place in window.positions(inside):
+        assert window.may_show(corners[None], tuple(place), 0.0).tolist() == [True]
+    low, high = window.positions(corners).min(axis=0), window.positions(corners).max(axis=0)
+    for place in ((low[0] - 8, 300.0), (high[0] + 8, 300.0), (500.0, low[1] - 8), (500.0, high[1] + 8)):
+        assert window.may_show(corners[None], place, 6.0).tolist() == [False]
+    behind = corners + 10.0 * (CAMERA.center - corners.mean(axis=0))
+    assert window.may_show(behind[None], (500.0, 350.0), 6.0).tolist() == [False]

@@ -30,6 +30,19 @@ def test_module_says_what_it_is_and_imports_relatively(module: Path) -> None:
             assert (node.module or "").split(".")[0] not in PACKAGES, "imports of ours are relative"
 
 
+def test_modules_of_the_addon_that_scripts_and_benchmarks_name_exist() -> None:
+    """They import it from a link or by a text, which no type check follows."""
+    missing = []
+    for file in (one for one in tracked_files() if one.suffix == ".py"):
+        for name in re.findall(r"gaussian_heritage_addon((?:\.\w+)+)", file.read_text(encoding="utf-8")):
+            module = (ROOT / "gaussian_heritage_addon").joinpath(*name.strip(".").split("."))
+            if name not in (".register", ".unregister") and not (
+                module.with_suffix(".py").is_file() or module.is_dir()
+            ):
+                missing.append(f"{file.relative_to(ROOT)}: {name}")
+    assert not missing
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_package_lists_its_public_names(package: str) -> None:
     for file in (ROOT / package).rglob("__init__.py"):

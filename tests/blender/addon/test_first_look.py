@@ -77,7 +77,7 @@ def test_menu_has_what_f3_searches_for(opened: Any, part: Part) -> None:
     menu = part("operators.menus").HERITAGE_MT_objects
     menu.draw(SimpleNamespace(layout=drawn), bpy.context)
     names = [name for name, _ in drawn.buttons]
-    assert {"heritage.isolate", "heritage.find_objects", "heritage.click_object"} <= set(names)
+    assert {"heritage.isolate", "heritage.find_objects", "heritage.click_object", "heritage.add_detail"} <= set(names)
     entry = FakeLayout()
     part("operators.menus").object_menu(SimpleNamespace(layout=entry), bpy.context)
     assert "menu" in entry.calls and hasattr(bpy.types, menu.bl_idname)

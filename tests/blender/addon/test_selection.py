@@ -183,9 +183,7 @@ def test_box_catches_the_objects_with_splats_in_it(two: SimpleNamespace, part: P
     )
     opaque(two.vase, 20.0)
     opaque(two.bust, -20.0)
-    # From -Y, 100 units wide in 1000 pixels.
-    matrix = np.array([[0.02, 0, 0, 0], [0, 0, 0.02, 0], [0, 0.001, 0, 0], [0, 0, 0, 1.0]])
-    view = sight.Sight(1000, 1000, matrix)
+    view = sight.Sight(1000, 1000, FROM_FRONT)
     both = [two.vase, two.bust]
 
     def within(left: float, right: float) -> list[bpy.types.Object]:
@@ -241,6 +239,99 @@ def test_splats_are_clicked_in_object_mode_of_a_view_that_draws_them(two: Simple
     two.vase.heritage.hidden = False
     two.scene.heritage_display.kind = "SHAPES"
     assert found() == []
+
+
+FROM_FRONT = np.array([[0.02, 0, 0, 0], [0, 0, 0.02, 0], [0, 0.001, 0, 0], [0, 0, 0, 1.0]])
+"""From -Y, 100 units wide: a unit is 10 of 1000 pixels, and the middle is the origin."""
+
+
+@pytest.fixture
+def lines(blender: ModuleType) -> dict[str, bpy.types.Object]:
+    """Objects that Blender draws as lines, around (10, 0, 10): pixel (600, 600)."""
+    mesh = bpy.data.meshes.new("ruler")
+    mesh.from_pydata([(0, 0, 0), (20, 0, 20)], [(0, 1)], [])
+    data = {"ruler": mesh, "camera": bpy.data.cameras.new("camera"), "empty": None, "light": None}
+    data["light"] = bpy.data.lights.new("light", "POINT")
+    made = {name: bpy.data.objects.new(name, one) for name, one in data.items()}
+    for name, obj in made.items():
+        obj.location = (0, 0, 0) if name == "ruler" else (10, 0, 10)
+        bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.update()
+    return made
+
+
+def view_context(**other: Any) -> SimpleNamespace:
+    """A 3D view, which Blender has none of without a window."""
+    view = SimpleNamespace(view_perspective="PERSP")
+    known = {"scene": bpy.context.scene, "visible_objects": bpy.context.visible_objects, "region_data": view}
+    known |= {"evaluated_depsgraph_get": bpy.context.evaluated_depsgraph_get, "space_data": None}
+    return SimpleNamespace(**known | other)
+
+
+def test_lines_are_near_a_click_where_blender_may_draw_them(lines: dict[str, bpy.types.Object], part: Part) -> None:
+    near = part("gaussian_heritage_addon.splats.line_objects").lines_near
+    view = part("gaussian_heritage_addon.splats.sight").Sight(1000, 1000, FROM_FRONT)
+
+    def found(*place: float) -> set[str]:
+        return {obj.name for obj in near(view_context(), view, place, 6)}
+
+    # What a light draws is not known here: Blender is asked.
+    assert found(600, 600) == {"ruler", "camera", "empty", "light"}
+    assert found(560, 565) == {"ruler", "light"}
+    # Within the box around the ruler, but not on it.
+    assert found(550, 650) == {"light"}
+    # The cameras of photos are drawn small.
+    assert "camera" in found(612, 600)
+    lines["camera"].data.display_size = 0.05
+    assert "camera" not in found(612, 600) and "camera" in found(603, 600)
+    lines["empty"].empty_display_size = 6.0
+    bpy.context.view_layer.update()
+    assert found(550, 650) == {"empty", "light"}
+    lines["empty"].hide_select = True
+    assert found(550, 650) == {"light"}
+
+
+def test_camera_of_the_view_is_its_frame_alone(lines: dict[str, bpy.types.Object], part: Part) -> None:
+    near = part("gaussian_heritage_addon.splats.line_objects").lines_near
+    camera, scene = lines["camera"], bpy.context.scene
+    camera.data.type, camera.data.ortho_scale, camera.location = "ORTHO", 40.0, (0, -5, 0)
+    camera.rotation_euler = (np.pi / 2, 0, 0)
+    scene.camera = camera
+    scene.render.resolution_x = scene.render.resolution_y = 500
+    bpy.context.view_layer.update()
+    view = part("gaussian_heritage_addon.splats.sight").Sight(1000, 1000, FROM_FRONT)
+    through = view_context(region_data=SimpleNamespace(view_perspective="CAMERA"))
+
+    def is_near(*place: float) -> bool:
+        return camera in near(through, view, place, 6)
+
+    # The frame is 40 units wide, 400 pixels.
+    assert [is_near(300 + off, 500) for off in (-10, 0, 10)] == [False, True, False]
+    assert is_near(700, 420) and not is_near(500, 500)
+    camera.data.show_composition_center = True
+    assert is_near(500, 500)
+
+
+def test_click_on_splats_far_from_all_lines_does_not_ask_blender_what_it_draws(
+    lines: dict[str, bpy.types.Object], part: Part, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first such question of a session compiles shaders: half a second of a click."""
+    selection = part("gaussian_heritage_addon.splats.view_selection")
+    view = part("gaussian_heritage_addon.splats.sight").Sight(1000, 1000, FROM_FRONT)
+    bpy.data.objects.remove(lines["light"])
+    asked: list[list[str]] = []
+
+    def has_line(context: Any, place: tuple[int, int], found: list[bpy.types.Object]) -> bool:
+        asked.append(sorted(obj.name for obj in found))
+        return True
+
+    monkeypatch.setattr(selection, "_has_line", has_line)
+    assert not selection.hides_splats(view_context(), view, (550, 650), 100.0) and asked == []
+    assert selection.hides_splats(view_context(), view, (560, 560), 100.0) and asked == [["ruler"]]
+    # Another object of Blender in front of the splats, but not behind them.
+    bpy.ops.mesh.primitive_cube_add(location=(5, 0, 15))
+    assert selection.hides_splats(view_context(), view, (550, 650), 10_000.0) and asked == [["ruler"]]
+    assert not selection.hides_splats(view_context(), view, (550, 650), 1.0)
 
 
 # ---- Edit Mode

@@ -156,6 +156,8 @@ def test_jobs_have_the_names_of_their_buttons(part: Part) -> None:
         (["--all"], "find all"),
         (["--complement"], "isolate the background"),
         (["--accept=1"], "isolate a candidate"),
+        (["--detail=vase"], "add detail to vase"),
+        (["--detail"], "add detail to all objects"),
     ):
         assert name("segment", project, [*engine, *words]) == expected
     assert name("segment", project, ["python", "-m", "engine", "edit", str(project)]) == "store edits"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 from PIL import Image
 
 from engine.pictures import encode_png
-from engine.project.objects import ObjectRecord, save_object
+from engine.project.objects import ObjectRecord, read_record, save_object
+from engine.scene import Detailed
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 from .conftest import API, Client, jpeg
@@ -66,6 +68,27 @@ def test_object_that_was_found_in_no_photo_is_cut_out_of_one_that_shows_it(
     # The part is blue, so the middle of its picture is.
     red, _, blue = pixels[len(pixels) // 3 : 2 * len(pixels) // 3].mean(axis=(0, 1))
     assert blue > 1.5 * red
+
+
+def test_object_that_gets_detail_says_so_and_is_in_another_state(
+    client: Client, project: str, scene: BlobScene
+) -> None:
+    """It keeps its number of Gaussians of the scene, by which the page cannot tell that its files are others."""
+    folder = client.folder(project) / "project"
+    (before,) = client.http.get(f"{API}/projects/{project}").json()["objects"]
+    assert not before["has_detail"]
+    members = np.asarray(scene.part) == BLUE
+    rows = np.flatnonzero(members)
+    means = np.asarray(scene.gaussians.means)[rows]
+    detailed = Detailed(rows, means, rows, replace(scene.gaussians[rows], means=means + np.float32(0.01)))
+    record = replace(read_record(folder / "objects" / "ball" / "object.json"), detail={"kept": True})
+    save_object(folder, record, members.astype(np.float32), detailed=detailed)
+    (after,) = client.http.get(f"{API}/projects/{project}").json()["objects"]
+    assert after["has_detail"] and after["state"] != before["state"]
+    assert after["n_gaussians"] == before["n_gaussians"]
+    # Its name is no part of its state.
+    client.http.patch(f"{API}/projects/{project}/objects/ball", json={"name": "globe"})
+    assert client.http.get(f"{API}/projects/{project}").json()["objects"][0]["state"] == after["state"]
 
 
 def test_object_that_no_photo_shows_has_no_picture(client: Client, project: str) -> None:

@@ -26,6 +26,8 @@ const FOV = (50 * Math.PI) / 180; // Of the shorter side, when no photo gives th
 const SLOW_FRAME = 50; // Milliseconds. Slower pictures are drawn with fewer pixels while the camera moves.
 const SAMPLES = 12; // Gaussians of an object for which it is asked whether a photo shows them.
 const REST = 250; // Milliseconds without movement until the sharp picture is drawn.
+const DRAWN_MS = 3000; // Milliseconds after which a hidden page, which draws nothing, is not waited for.
+const LONGEST_MS = 20_000; // The same for a page that is seen: slow computers need seconds for some pictures.
 
 /**
  * Return a viewer that draws into `canvas`: {load(url, progress), showOnly(url|null), setLooks(looks), lookThrough(view),
@@ -55,6 +57,7 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   let resolution = 1;
   let frameTime = 0;
   let restTimer = 0;
+  let saved = 0; // pictures that are being saved, which stay sharp
   let requested = 0;
   let lastFrame = 0;
 
@@ -72,7 +75,7 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   const resizing = new ResizeObserver(() => resize());
   resizing.observe(canvas);
   app.systems.gsplat.on("frame:request", draw);
-  app.systems.gsplat.on("frame:ready", (_camera, _layer, ready) => ready || draw());
+  app.systems.gsplat.on("frame:ready", (_camera, _layer, ready) => ready || drawNext());
   app.start();
   resize();
 
@@ -111,7 +114,7 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
     matrix.set([...right, 0, ...scale(down, -1), 0, ...scale(forward, -1), 0, ...eye, 1]);
     camera.setPosition(...eye);
     camera.setRotation(new Quat().setFromMat4(matrix));
-    if (frameTime > SLOW_FRAME) coarseUntilRest();
+    if (frameTime > SLOW_FRAME && saved === 0) coarseUntilRest();
     draw();
   }
 
@@ -138,6 +141,11 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   function draw() {
     if (!app.renderNextFrame) requested = performance.now();
     app.renderNextFrame = true;
+  }
+
+  /** Ask for a picture after the present one; `draw` is without effect while a picture is drawn. */
+  function drawNext() {
+    app.once("frameend", draw);
   }
 
   // How fast this computer draws: the time from the request, or from the picture before, to the picture.
@@ -205,21 +213,32 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
     await drawn(1);
   }
 
-  /** Resolve when `least` pictures show the present splats, sorted by depth. */
-  function drawn(least) {
+  /**
+   * Resolve when `least` pictures show the present splats, sorted by depth: to what `read()` returns, which is called while
+   * the last of them can be read.
+   */
+  function drawn(least, read = () => {}) {
     return new Promise((resolve) => {
+      const begun = performance.now();
       let frames = 0;
+      let timer = 0;
       const end = () => {
         app.systems.gsplat.off("frame:ready", onReady);
         clearTimeout(timer);
-        resolve();
+        resolve(read());
       };
       const onReady = (_camera, _layer, ready, loading) => {
         frames += 1;
         if (ready && loading === 0 && frames >= least) app.once("frameend", end);
+        else drawNext();
+      };
+      const giveUp = () => {
+        if (document.hidden) return end();
+        if (performance.now() - begun > LONGEST_MS) app.once("frameend", end);
+        timer = setTimeout(giveUp, DRAWN_MS);
         draw();
       };
-      const timer = setTimeout(end, 3000); // A hidden page draws nothing.
+      timer = setTimeout(giveUp, DRAWN_MS);
       app.systems.gsplat.on("frame:ready", onReady);
       draw();
     });
@@ -310,13 +329,14 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   /** Return the picture as a PNG. */
   async function picture() {
     clearTimeout(restTimer);
-    setResolution(1);
-    await drawn(3); // The first ones may still have the order of the camera before.
-    return new Promise((resolve) => {
-      // WebGL forgets the picture after the frame, so it is read in the same task.
-      app.once("frameend", () => canvas.toBlob(resolve, "image/png"));
-      draw();
-    });
+    saved += 1;
+    try {
+      setResolution(1);
+      // The first ones may still have the order of the camera before. WebGL forgets a picture after its frame.
+      return await drawn(4, () => new Promise((resolve) => canvas.toBlob(resolve, "image/png")));
+    } finally {
+      saved -= 1;
+    }
   }
 
   function dispose() {

@@ -1,6 +1,6 @@
 // One object: show it, correct it, fill in its record, download it, delete it.
 import { changeObject, deleteObject, exportUrl, objectUrl, startJob } from "../api.js";
-import { announce, confirmed, during, field, h, refill, setText } from "../dom.js";
+import { announce, confirmed, during, field, h, notify, refill, setText } from "../dom.js";
 import { plural } from "../format.js";
 import { createObjectButtons } from "../object_buttons.js";
 
@@ -56,8 +56,12 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
 
   async function toggle() {
     if (alone) return stage.showScene();
-    await stage.showObject(`${objectUrl(id, object.id)}&v=${version}`, object.name);
+    await showThis();
     shownAlone(object.id);
+  }
+
+  function showThis() {
+    return stage.showObject(`${objectUrl(id, object.id)}&v=${version}`, object.name);
   }
 
   async function addDetail() {
@@ -104,11 +108,12 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   }
 
   function update(news) {
-    const isNew = news.n_gaussians !== object.n_gaussians;
+    const isNew = news.state !== object.state;
     if (isNew) version = Date.now();
     const before = object;
     object = news;
     if (isNew) looks.forget(object.id, false);
+    if (isNew && alone) showThis().catch((error) => notify(error.message));
     if (isNew || !picture.firstChild) updatePicture();
     setText(name, object.title || object.name);
     setText(facts, factsOf(object));
@@ -126,6 +131,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
 
 function factsOf(object) {
   const parts = [object.title ? object.name : "", object.catalogue_number, plural(object.n_gaussians, "Gaussian")];
+  if (object.has_detail) parts.push("with detail");
   if (object.kind !== "text") parts.push(object.prompt);
   else if (object.prompt !== object.name) parts.push(`found as “${object.prompt}”`);
   return parts.filter(Boolean).join(" · ");

@@ -109,7 +109,9 @@ export function createObjects(context, { stage, clicks }) {
     const isNews = lastDone !== null;
     lastDone = job.id;
     const object = objects.find((one) => one.id === job.objects[0] && one.kind !== "background");
-    if (isNews && object) stage.point(object).catch((error) => notify(error.message));
+    // What is shown alone is shown anew by its card: in the scene, detail is not seen.
+    if (!isNews || !object || cards.get(object.id).isAlone()) return;
+    stage.point(object).catch((error) => notify(error.message));
   }
 
   /** Mark the object that is shown alone; null for the whole scene. */
