@@ -20,7 +20,7 @@ PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms real-sets tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -71,6 +71,9 @@ test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason free
 choosing-rooms: setup ## the same in the choosing rooms alone, then keep them in demo/random_rooms/choosing
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --rooms choosing --doc docs/segmentation.md
 	$(ENGINE) -m benchmarks.rooms keep
+
+real-sets: setup ## objects of real photos by hand-made masks, into docs/objects.md; GAUSSIAN_HERITAGE_DATA names the photo sets; 20 minutes
+	$(ENGINE) -m benchmarks.real_sets --doc docs/objects.md
 
 tables: setup ## the other measured tables of docs, each by its own command; GAUSSIAN_HERITAGE_DATA names the photo sets
 	$(PYTHON) scripts/make_tables.py

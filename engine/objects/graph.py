@@ -48,6 +48,11 @@ MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, roo
 """Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it; and from
 the middle of a scene, in `Views.length_unit`."""
 
+_SEGMENT_SIZE = 2.0  # chosen on skull66, banana16, meeting_place9, herz_jesus25, room_1, room_3, room_6, room_7
+"""Size of a segment, relative to what the evidence shows, from which on its links weigh less, inversely to its size.
+SAM leaves a door in the segment of its wall in one photo and not in the next, so a large segment says little of a
+small object."""
+
 _LEAST_PART = 0.01  # chosen on museum_room, store_room
 """Votes of a connected part relative to those of the heaviest, from which on it belongs to an object."""
 
@@ -108,7 +113,21 @@ class SceneGraph:
         links = csr_matrix(links @ diags(1 / roots), dtype=np.float32)
         return links, csr_matrix(links.T)
 
-    def solve(self, votes: Votes, strictness: float | Float32) -> Float32:
+    def _between_for(self, shown: float | None) -> tuple[csr_matrix, csr_matrix]:
+        """Return `_between` with lighter links of what is large beside `shown`, in pixels; None leaves all."""
+        to_segments, to_gaussians = self._between
+        if shown is None:
+            return to_segments, to_gaussians
+        weights = np.sqrt(np.minimum(1, _SEGMENT_SIZE * shown / np.maximum(self._segment_pixels, _SMALLEST)))
+        weighted = csr_matrix(to_segments @ diags(weights.astype(np.float32)), dtype=np.float32)
+        return weighted, csr_matrix(weighted.T)
+
+    @cached_property
+    def _segment_pixels(self) -> Float32:
+        """Pixels of each segment, without the rest of the photos."""
+        return np.asarray(self.segments.sum(axis=0), np.float32).ravel()[self.is_segment]
+
+    def solve(self, votes: Votes, strictness: float | Float32, shown: float | None = None) -> Float32:
         """Return the memberships of the Gaussians in K objects. Every membership falls as the strictness rises.
 
         Parameters
@@ -117,6 +136,9 @@ class SceneGraph:
             Of shape [N, K], or [N, 1] for one object at K values of `strictness`.
         strictness : float, or array of shape [K], float32
             Weight of a pixel beside the object relative to one inside of it, above 0.
+        shown : float or None
+            Pixels that the evidence shows of the object, in a view. Segments of more than twice as many weigh less.
+            None lets all segments weigh the same.
 
         Returns
         -------
@@ -131,7 +153,7 @@ class SceneGraph:
         gradients need fewer steps, with the diagonal as preconditioner. SciPy's solve one system at a time, so that
         each step reads all links for one object alone.
         """
-        to_segments, to_gaussians = self._between
+        to_segments, to_gaussians = self._between_for(shown)
         # The rows of L sum to 0: a Gaussian's links to segments, and from there back to all Gaussians.
         links = self.neighbours.sum(axis=1) + to_segments @ to_gaussians.sum(axis=1)
         inside = votes.inside.astype(np.float32)
@@ -159,7 +181,7 @@ class SceneGraph:
             direction += scaled
         return np.clip(solution, 0, 1)
 
-    def memberships(self, votes: Votes, strictness: float | Float32) -> Float32:
+    def memberships(self, votes: Votes, strictness: float | Float32, shown: float | None = None) -> Float32:
         """Return what `solve` returns, as rows, but 0 in light parts of what belongs to an object.
 
         Links between Gaussians connect parts. Those stay that have at least `_LEAST_PART` of the votes for the object
@@ -167,7 +189,7 @@ class SceneGraph:
 
         Parameters
         ----------
-        votes, strictness
+        votes, strictness, shown
             As of `solve`.
 
         Returns
@@ -175,7 +197,7 @@ class SceneGraph:
         array of shape [K, N], float32
             0 to 1.
         """
-        solved = np.ascontiguousarray(self.solve(votes, strictness).T)
+        solved = np.ascontiguousarray(self.solve(votes, strictness, shown).T)
         for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
             members = np.flatnonzero(membership >= BELONGS)
             if self.neighbours.nnz and len(members):

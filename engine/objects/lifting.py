@@ -158,7 +158,8 @@ def _union(
     for item in (item for item in evidence if item.excluded == excluded):
         votes = count_votes(context.views, item, graph.pixels)
         column = Votes(votes.inside[:, None], votes.outside[:, None])
-        highest = np.maximum(highest, graph.memberships(column, context.settings.strictness * factors))
+        shown = float(item.mask.sum())
+        highest = np.maximum(highest, graph.memberships(column, context.settings.strictness * factors, shown))
     return highest
 
 

@@ -240,5 +240,6 @@ def test_the_kept_rooms_of_this_repository_stay_small() -> None:
 @pytest.mark.parametrize("room", CHOOSING_ROOMS, ids=lambda room: room.name)
 def test_a_kept_room_of_this_repository_is_a_project_of_this_version(room: Room, tmp_path: Path) -> None:
     project = unpack_room(ROOT / KEPT_FOLDER / f"{room.name}.tar.xz", tmp_path / "room")
-    assert ProjectFolder.open_existing(project).stage_record("training") is not None
+    context = load_context(ProjectFolder.open_existing(project), BETTER, FakeDetector, FakeSam)
+    assert set(context.label_maps) == set(context.views.cameras.by_photo) != set()
     assert read_photo_set(project / "photos" / "photos.json").folder == tmp_path / "room" / "photos"

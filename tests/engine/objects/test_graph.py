@@ -62,9 +62,10 @@ def test_without_votes_for_an_object_nothing_belongs(graph: SceneGraph) -> None:
     assert solved(graph, Votes(nothing, nothing)).max() == 0
 
 
-def exact(graph: SceneGraph, votes: Votes, strictness: float = 0.6) -> np.ndarray:
+def exact(graph: SceneGraph, votes: Votes, strictness: float = 0.6, shown: float = np.inf) -> np.ndarray:
     """The membership as docs/objects.md states it: a direct solve in float64, with the segments as unknowns."""
-    links = 0.02 * graph.segments.toarray().astype(float)[:, graph.is_segment]
+    pixels = graph.segments.toarray().astype(float)[:, graph.is_segment]
+    links = 0.02 * pixels * np.minimum(1, 2 * shown / np.maximum(pixels.sum(axis=0), 1e-9))
     n, m = links.shape
     weights = np.block([[graph.neighbours.toarray(), links], [links.T, np.zeros((m, m))]])
     inside, outside = (np.pad(one[:, 0].astype(float), (0, m)) for one in (votes.inside, votes.outside))
@@ -78,6 +79,23 @@ def test_membership_solves_the_system_that_the_documentation_states(
     one = count_votes(views, mask_of(blobs, views, RED, 0), graph.pixels)
     votes = Votes(one.inside[:, None], one.outside[:, None])
     np.testing.assert_allclose(graph.solve(votes, 0.6)[:, 0], exact(graph, votes), atol=0.01)
+    weighted = graph.solve(votes, 0.6, shown=60.0)[:, 0]
+    np.testing.assert_allclose(weighted, exact(graph, votes, shown=60.0), atol=0.01)
+    assert np.abs(weighted - graph.solve(votes, 0.6)[:, 0]).max() > 0.05
+
+
+def test_a_door_that_most_photos_leave_in_the_segment_of_its_wall_is_whole() -> None:
+    n_door, n_wall, pixels = 20, 400, 10.0
+    door = np.arange(n_door + n_wall) < n_door
+    parts = [np.column_stack([np.zeros_like(door), door, ~door])]  # the rest, the door, the wall
+    parts += 3 * [np.column_stack([np.zeros_like(door), np.ones_like(door)])]
+    segments = csr_matrix(pixels * np.hstack(parts).astype(np.float32))
+    photo = np.repeat(np.arange(4, dtype=np.int32), [3, 2, 2, 2])
+    graph = SceneGraph(csr_matrix((len(door), len(door)), dtype=np.float32), segments, photo, ("a", "b", "c", "d"))
+    inside = np.where(np.arange(len(door)) < n_door // 2, pixels, 0).astype(np.float32)  # it shows half of the door
+    votes = Votes(inside[:, None], (~door * pixels).astype(np.float32)[:, None])
+    assert ((graph.memberships(votes, 0.6)[0] >= 0.5) == (inside > 0)).all()
+    assert ((graph.memberships(votes, 0.6, shown=inside.sum())[0] >= 0.5) == door).all()
 
 
 def filled_by_one(pixels: float) -> SceneGraph:
