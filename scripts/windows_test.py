@@ -13,6 +13,7 @@ example: python scripts/windows_test.py --doc docs/windows.md
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import traceback
@@ -124,7 +125,10 @@ def _writer(file: Path, steps: Sequence[str], product: Path) -> Callable[[Result
 
     def write(result: Result) -> None:
         head, _, earlier = file.read_text(encoding="utf-8").partition(MARK)
-        file.write_text(f"{head}{MARK}\n{document([result], steps, commit, earlier)}", encoding="utf-8")
+        # Replaced whole: a run beside this one must never read half of it and lose the other rows.
+        new = file.with_name(f".{file.name}.new")
+        new.write_text(f"{head}{MARK}\n{document([result], steps, commit, earlier)}", encoding="utf-8")
+        os.replace(new, file)
 
     return write
 
