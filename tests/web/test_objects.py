@@ -246,18 +246,6 @@ def test_scene_and_object_are_downloaded_as_spz_and_usd(scene: Page, tmp_path: P
     assert downloaded(scene, one.get_by_role("link", name="SPZ"), tmp_path / "one").stat().st_size > 100
 
 
-@pytest.mark.web
-def test_detail_for_all_objects_begins_and_is_stopped(scene: Page) -> None:
-    vase(scene)
-    scene.get_by_role("button", name="Add detail to all").click()
-    working = scene.locator(".panel .job")
-    expect(working).to_contain_text("Add detail to all objects", timeout=RUN_MS)
-    working.get_by_role("button", name="Stop", exact=True).click()
-    expect(working.get_by_role("button", name="Stop", exact=True)).to_be_hidden(timeout=RUN_MS)
-    working.get_by_role("button", name="Dismiss").click()
-    expect(working).to_be_hidden()
-
-
 @pytest.mark.slow
 def test_object_gets_detail_which_is_shown_and_downloaded(scene: Page, tmp_path: Path) -> None:
     one = vase(scene)
