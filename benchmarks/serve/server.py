@@ -36,10 +36,10 @@ for number in range({n}):
 print(json.dumps({{"v": 1, "kind": "finished", "time": time.time(), "message": "", "outputs": {{}}}}), flush=True)
 """
 PROGRAM = """
-import sys
+import functools, sys
 from pathlib import Path
 from engine.serve import job_queue
-job_queue.CODE_ROOT = Path(sys.argv[1])
+job_queue.engine_environment = functools.partial(job_queue.engine_environment, root=Path(sys.argv[1]))
 from engine.cli.main import main
 sys.exit(main(sys.argv[2:]))
 """
