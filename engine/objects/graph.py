@@ -118,7 +118,7 @@ class SceneGraph:
         to_segments, to_gaussians = self._between
         if shown is None:
             return to_segments, to_gaussians
-        weights = np.sqrt(np.minimum(1, _SEGMENT_SIZE * shown / np.maximum(self._segment_pixels, _SMALLEST)))
+        weights = np.sqrt(np.minimum(1, _SEGMENT_SIZE * shown / np.maximum(self._segment_pixels, 1)))
         weighted = csr_matrix(to_segments @ diags(weights.astype(np.float32)), dtype=np.float32)
         return weighted, csr_matrix(weighted.T)
 
