@@ -22,12 +22,13 @@ from engine.project.folder import ProjectFolder
 from engine.quality.evaluation import evaluate_project, read_ground_truth
 from engine.quality.evaluation.comparison import compare_with_all
 from engine.quality.evaluation.gaussian_truth import gaussian_truth
+from engine.quality.evaluation.results import WHOLE_IOU
 from engine.quality.evaluation.settings import MARKS, EvaluationSettings
 from engine.scene import read_camera_set
 from engine.training import load_gaussians
 
-from .documents import put_into
-from .real_sets import SETS, WHOLE_IOU, measured
+from .documents import print_table
+from .real_sets import SETS, measured
 from .rooms.draws import CHOOSING_ROOMS
 from .rooms.keeping import KEPT_FOLDER, unpack_room
 
@@ -42,15 +43,15 @@ _CAUSES = {
 
 
 @dataclass(frozen=True)
-class Miss:
-    """IoU of an object in percent, with the shares of its true mask that are missing and too much, and its cause."""
+class Outcome:
+    """IoU of an object, 0 to 1, and the cause that counts if it is not whole: a name of `_CAUSES`."""
 
     data: str
     iou: float
     cause: str
 
 
-def in_rooms() -> Iterator[Miss]:
+def in_rooms() -> Iterator[Outcome]:
     """Yield the objects of the kept choosing rooms."""
     for room in CHOOSING_ROOMS:
         with tempfile.TemporaryDirectory() as folder:
@@ -73,17 +74,17 @@ def in_rooms() -> Iterator[Miss]:
         for row in evaluation.rows:
             scene_is_whole = best[truth.objects.index(row.object)] >= WHOLE_IOU
             cause = "scene" if not scene_is_whole else "holes" if row.holes > row.halo + row.stray else "halo"
-            yield Miss(_ROOMS, row.iou, cause)
+            yield Outcome(_ROOMS, row.iou, cause)
 
 
-def in_real_sets(out: Path) -> Iterator[Miss]:
+def in_real_sets(out: Path) -> Iterator[Outcome]:
     """Yield the objects of the real sets."""
     for name in SETS:
         for row in measured(name, out, ["better"]):
-            yield Miss(_REAL, row.iou / 100, "holes" if row.holes > row.halo + row.stray else "halo")
+            yield Outcome(_REAL, row.iou / 100, "holes" if row.holes > row.halo + row.stray else "halo")
 
 
-def table(objects: Sequence[Miss]) -> str:
+def table(objects: Sequence[Outcome]) -> str:
     """Return the Markdown table: objects, whole ones, and the causes of the others, by kind of data."""
     head = " | ".join(_CAUSES.values())
     lines = [f"| data | objects | whole | {head} |", f"| --- |{' ---: |' * (len(_CAUSES) + 2)}"]
@@ -105,10 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/real_sets"), help="(default: %(default)s)")
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table into this file")
     options = parser.parse_args(arguments)
-    text = table([*in_rooms(), *in_real_sets(options.out)])
-    sys.stdout.write(text + "\n")
-    if options.doc is not None:
-        put_into(options.doc, _PART, f"{MARKS['in sample']}\n\n{text}")
+    print_table(table([*in_rooms(), *in_real_sets(options.out)]), options.doc, _PART, MARKS["in sample"])
     return 0
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
-__all__ = ["put_into"]
+__all__ = ["print_table", "put_into"]
 
 
 def put_into(document: Path, part: str, text: str) -> None:
@@ -16,3 +17,10 @@ def put_into(document: Path, part: str, text: str) -> None:
     if count != 1:
         raise ValueError(f"{document} has no {begin} ... {end}")
     document.write_text(after, encoding="utf-8")
+
+
+def print_table(table: str, document: Path | None, part: str, mark: str) -> None:
+    """Print a table, and write it below `mark` between the marks of a part of `document`, unless that is None."""
+    sys.stdout.write(table + "\n")
+    if document is not None:
+        put_into(document, part, f"{mark}\n\n{table}")

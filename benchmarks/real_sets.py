@@ -26,14 +26,14 @@ from engine.objects.grounding import load_default_detector
 from engine.objects.settings import PRESETS
 from engine.project.folder import ProjectFolder
 from engine.quality.evaluation.comparison import Scores, score_photo
+from engine.quality.evaluation.results import WHOLE_IOU
 from engine.quality.evaluation.settings import MARKS
 from engine.scene import photos_called
 
-from .documents import put_into
+from .documents import print_table
 from .training.photo_sets import photo_set
 
 SETS = ("skull66", "banana16", "meeting_place9", "herz_jesus25")
-WHOLE_IOU = 0.85
 _PART = "real sets by mask"
 
 
@@ -161,10 +161,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     methods = options.methods.split(",")
     rows = [row for name in options.sets.split(",") for row in measured(name, options.out, methods)]
-    text = table(rows, methods)
-    sys.stdout.write(text + "\n")
-    if options.doc is not None:
-        put_into(options.doc, _PART, f"{MARKS['in sample']}\n\n{text}")
+    print_table(table(rows, methods), options.doc, _PART, MARKS["in sample"])
     return 0
 
 

@@ -13,7 +13,6 @@ example: python scripts/windows_test.py --doc docs/windows.md
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import traceback
@@ -28,6 +27,8 @@ from windows.root import alone, make_root, make_template
 from windows.steps import Context, Result, Step
 from windows.test_steps import test_steps
 from windows.way_steps import way_steps
+
+from engine.core.files import atomic_write
 
 MARK = "## Ran\n"
 _TABLE = "| step | result | commit | what was seen |\n| --- | --- | --- | --- |"
@@ -126,9 +127,8 @@ def _writer(file: Path, steps: Sequence[str], product: Path) -> Callable[[Result
     def write(result: Result) -> None:
         head, _, earlier = file.read_text(encoding="utf-8").partition(MARK)
         # Replaced whole: a run beside this one must never read half of it and lose the other rows.
-        new = file.with_name(f".{file.name}.new")
-        new.write_text(f"{head}{MARK}\n{document([result], steps, commit, earlier)}", encoding="utf-8")
-        os.replace(new, file)
+        with atomic_write(file, "w") as stream:
+            stream.write(f"{head}{MARK}\n{document([result], steps, commit, earlier)}")
 
     return write
 

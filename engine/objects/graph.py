@@ -113,14 +113,10 @@ class SceneGraph:
         links = csr_matrix(links @ diags(1 / roots), dtype=np.float32)
         return links, csr_matrix(links.T)
 
-    def _between_for(self, shown: float | None) -> tuple[csr_matrix, csr_matrix]:
-        """Return `_between` with lighter links of what is large beside `shown`, in pixels; None leaves all."""
-        to_segments, to_gaussians = self._between
-        if shown is None:
-            return to_segments, to_gaussians
-        weights = np.sqrt(np.minimum(1, _SEGMENT_SIZE * shown / np.maximum(self._segment_pixels, 1)))
-        weighted = csr_matrix(to_segments @ diags(weights.astype(np.float32)), dtype=np.float32)
-        return weighted, csr_matrix(weighted.T)
+    def _weights(self, shown: float | None) -> Float32:
+        """Return the weights of the links of each segment beside `shown` pixels, [M, 1]; None weighs all the same."""
+        pixels = self._segment_pixels[:, None]
+        return np.ones_like(pixels) if shown is None else np.minimum(1, _SEGMENT_SIZE * shown / np.maximum(pixels, 1))
 
     @cached_property
     def _segment_pixels(self) -> Float32:
@@ -153,13 +149,13 @@ class SceneGraph:
         gradients need fewer steps, with the diagonal as preconditioner. SciPy's solve one system at a time, so that
         each step reads all links for one object alone.
         """
-        to_segments, to_gaussians = self._between_for(shown)
+        (to_segments, to_gaussians), weights = self._between, self._weights(shown)
         # The rows of L sum to 0: a Gaussian's links to segments, and from there back to all Gaussians.
-        links = self.neighbours.sum(axis=1) + to_segments @ to_gaussians.sum(axis=1)
+        links = self.neighbours.sum(axis=1) + to_segments @ (weights * np.asarray(to_gaussians.sum(axis=1)))
         inside = votes.inside.astype(np.float32)
         against = _PIXEL_WEIGHT + strictness * votes.outside
         degrees = (np.asarray(links) + inside + against).astype(np.float32)
-        own = np.asarray(to_segments.multiply(to_segments).sum(axis=1), np.float32)
+        own = np.asarray(to_segments.multiply(to_segments) @ weights, np.float32)
         diagonal = np.maximum(degrees - own, _PIXEL_WEIGHT)  # it is no less; rounding can make it so
         residual = np.broadcast_to(inside, degrees.shape).copy()
         solution, scratch = np.zeros_like(degrees), np.empty_like(degrees)
@@ -169,7 +165,7 @@ class SceneGraph:
             if (_dot(residual, residual) <= enough).all():
                 break
             product = np.multiply(degrees, direction, out=scratch) - self.neighbours @ direction
-            product -= to_segments @ (to_gaussians @ direction)
+            product -= to_segments @ (weights * (to_gaussians @ direction))
             curvature = _dot(direction, product)
             # Rounding alone makes it negative: such a column is left as it is.
             length = np.divide(size, curvature, out=np.zeros_like(size), where=curvature > _SMALLEST)
