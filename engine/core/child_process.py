@@ -164,8 +164,8 @@ class ChildBeside:
         """
         finished = self._process.poll() is not None
         kill_group(self._process)
-        self._process.wait()
-        if not finished:
+        # A process whose other threads are still ending is not reported yet, though its exit code is fixed.
+        if self._process.wait() != 0 and not finished:
             return None
         for stream in (self._answer, self._complaints):
             stream.end()
