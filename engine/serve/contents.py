@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import asdict
 from typing import Any
 
 from ..core.errors import HeritageError
 from ..core.files import object_file, path_within
+from ..delivery.records import describe_unit
 from ..project.content import ProjectObject, is_project, list_objects
 from ..project.folder import ProjectFolder
 from ..project.objects import RECORD_FILE, load_record, read_record, state_of
@@ -142,7 +145,15 @@ def _scene(project: WebProject) -> dict[str, Any] | None:
         "n_gaussians": figures.get("n_gaussians"),
         "psnr": figures.get("psnr"),
         "cameras": "" if health.get("colour") in (None, "green") else str(health.get("sentence", "")),
+        "state": _state_of_scene(project),
     }
+
+
+def _state_of_scene(project: WebProject) -> str:
+    """Return what differs when the viewer has to load the scene or its cameras again."""
+    folder = ProjectFolder.open_existing(project.project)
+    outputs = [sorted(map(str, folder.recorded_outputs(stage).items())) for stage in ("cameras", "training")]
+    return hashlib.sha256(json.dumps([outputs, describe_unit(folder)]).encode()).hexdigest()
 
 
 def _health(cameras: dict[str, Any]) -> dict[str, Any]:

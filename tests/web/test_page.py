@@ -104,6 +104,21 @@ def test_drag_in_the_viewer_is_no_click(open_page: OpenPage, scene_path: str) ->
     expect(page.get_by_text("Is this an object?")).to_be_hidden()
 
 
+@pytest.mark.web
+def test_scene_is_loaded_once_and_stays_seen(open_page: OpenPage, scene_path: str, tmp_path: Path) -> None:
+    # The server sends the newest events again to a page that was opened after them.
+    page = open_page()
+    loaded: list[str] = []
+    page.on("request", lambda request: loaded.append(request.url) if request.url.endswith("/scene.ply") else None)
+    page.evaluate("hash => { location.hash = hash }", scene_path)
+    wait_for_scene(page)
+    # Twice as long as the viewer waits for a picture that does not come, after which it draws again.
+    page.wait_for_timeout(6000)
+    file = tmp_path / "viewer.png"
+    page.locator("canvas").screenshot(path=file)
+    assert len(loaded) == 1 and read_picture(file).mean() > 0.2
+
+
 def place_in_viewer(page: Page, shares: tuple[float, float]) -> tuple[float, float]:
     """Return where the viewer shows a place of the first photo, which fits into the canvas."""
     box = page.locator("canvas").bounding_box()

@@ -125,10 +125,7 @@ export async function projectScreen(root, session, id) {
     waiting: refresh,
     photos: refresh,
     objects: refresh,
-    scene: () => {
-      result.sceneChanged();
-      refresh();
-    },
+    scene: refresh,
     reconnected: refresh,
   });
   return () => {

@@ -6,7 +6,7 @@ import { createObjects } from "./objects.js";
 import { createStage } from "./stage.js";
 
 export function createResult(context) {
-  let hasScene = false;
+  let shown = ""; // state of the scene that the viewer has
   let cameras = null; // a promise, as both the viewer and the clicks need them
   const stage = createStage(context, {
     sceneShown: () => objects.shownAlone(null),
@@ -17,25 +17,16 @@ export function createResult(context) {
   const objects = createObjects(context, { stage, clicks });
   const element = h("section", { class: "result", "aria-label": "Result", hidden: true }, stage.element, objects.element);
 
-  function readCameras() {
-    cameras = getCameras(context.id);
-    cameras.then((read) => stage.start(read)).catch((error) => notify(error.message));
-  }
-
   function update(project) {
     show(element, Boolean(project.scene));
     if (!project.scene) return;
-    if (!hasScene) {
-      hasScene = true;
-      readCameras();
+    if (project.scene.state !== shown) {
+      shown = project.scene.state;
+      cameras = getCameras(context.id);
+      cameras.then((read) => stage.start(read)).catch((error) => notify(error.message));
     }
     objects.update(project);
   }
 
-  /** The server has a new scene, with new cameras. */
-  function sceneChanged() {
-    if (hasScene) readCameras();
-  }
-
-  return { element, update, sceneChanged, dispose: stage.dispose };
+  return { element, update, dispose: stage.dispose };
 }

@@ -14,6 +14,7 @@ import { createPicked } from "./picked.js";
 export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
   const { id } = context;
   let viewer = null;
+  let starting = null; // a promise of the viewer: a canvas bears only one
   let views = [];
   let unit = { metresPerUnit: null, text: "" };
   let photo = ""; // whose camera is used, "" after a movement
@@ -59,12 +60,9 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     show(loading, true);
     setText(loading, "Loading the scene…");
     try {
-      if (!viewer) {
-        viewer = await startViewer(canvas, { moved, wheelIgnored: tools.wheelIgnored });
-        picked.listen(canvas, viewer, () => views);
-        tools.listen();
-      }
-      if (disposed) return viewer.dispose();
+      starting ??= startStage();
+      await starting;
+      if (disposed || turn !== starts) return;
       viewer.setScene(cameras.center, cameras.radius, cameras.up);
       if (views.length > 0) lookFrom(views[0]);
       else viewer.frame(cameras.center, cameras.radius, cameras.up);
@@ -74,8 +72,20 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
       show(loading, false);
       box.dataset.ready = "true";
     } catch (error) {
-      setText(loading, error.message);
+      if (turn === starts) setText(loading, error.message);
     }
+  }
+
+  async function startStage() {
+    try {
+      viewer = await startViewer(canvas, { moved, wheelIgnored: tools.wheelIgnored });
+    } catch (error) {
+      starting = null;
+      throw error;
+    }
+    if (disposed) return viewer.dispose();
+    picked.listen(canvas, viewer, () => views);
+    tools.listen();
   }
 
   function moved(isPhoto) {
