@@ -39,7 +39,7 @@ from engine.training import load_gaussians
 
 _DEMO = Path("demo")
 
-_MAX_SIDE = 4096
+MAX_SIDE = 4096
 """Longest side, in pixels, at which a test photo is compared."""
 
 _MIN_PIXELS = 300
@@ -51,7 +51,7 @@ _OCCLUDER_DISTANCE = 0.25
 _NOTICED = 0.05
 """Smallest change of PSNR, in dB, that counts as a rise or a fall: smaller ones are not seen in the table."""
 
-_EDGE_WIDTH = 2
+EDGE_WIDTH = 2
 """Width in pixels of the band along the edge of the true mask that is not evaluated for colour and transmittance."""
 
 _NEEDLE = 5.0
@@ -197,9 +197,7 @@ class TrainedScene:
         occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
         by_view = [self._compare(alone, camera, name, occluder_distance) for camera in self.held_out]
         mean = np.mean([figures for figures in by_view if figures is not None], axis=0).tolist()
-        ordered = np.sort(alone.log_scales, axis=1)
-        needles = 100 * float((ordered[:, 2] - ordered[:, 1] > np.log(_NEEDLE)).mean())
-        return Figures(*mean, needles=needles, cpu_seconds=cpu_seconds)
+        return Figures(*mean, needles=share_of_needles(alone), cpu_seconds=cpu_seconds)
 
     def picture(self, name: str, alone: Gaussians) -> np.ndarray:
         """Return the object in the scene, with detail and in the test photo that shows most of it, side by side."""
@@ -207,7 +205,7 @@ class TrainedScene:
         frame, photo, truth = self._photo(camera, name)
         rows, columns = (np.flatnonzero(truth.any(axis=axis)) for axis in (1, 0))
         part = np.s_[max(0, rows[0] - 8) : rows[-1] + 9, max(0, columns[0] - 8) : columns[-1] + 9]
-        shown = [_render(Scene(one), frame)[2] for one in (self.trained(name), alone)]
+        shown = [rendered(Scene(one), frame)[2] for one in (self.trained(name), alone)]
         return np.hstack([(np.clip(one, 0, 1)[part] * 255).astype(np.uint8) for one in (*shown, photo)])
 
     def _exhibit_of(self, text: str | None, members: np.ndarray) -> str | None:
@@ -232,7 +230,7 @@ class TrainedScene:
 
     def _photo(self, camera: Camera, exhibit: str) -> tuple[PinholeCamera, np.ndarray, np.ndarray]:
         """Return the frame of a photo at its own size, its pixels in [0, 1], and the true mask of an exhibit in it."""
-        frame = training_pinhole(camera, max_side=_MAX_SIDE)
+        frame = training_pinhole(camera, max_side=MAX_SIDE)
         pixels = undistort(load_pixels(self.photos.folder / camera.photo), camera, frame, interpolation="linear")
         return (
             frame,
@@ -249,9 +247,9 @@ class TrainedScene:
         frame, photo, truth = self._photo(camera, exhibit)
         if truth.sum() < _MIN_PIXELS:
             return None
-        alpha, depth, color = _render(Scene(alone), frame)
-        hidden = _render(self.views.scene, frame)[1] < depth - occluder_distance
-        inner = erode_mask(truth, _EDGE_WIDTH)
+        alpha, depth, color = rendered(Scene(alone), frame)
+        hidden = rendered(self.views.scene, frame)[1] < depth - occluder_distance
+        inner = erode_mask(truth, EDGE_WIDTH)
         gain = np.asarray(self.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
         color = np.clip(color * gain, 0, 1)
         error = float(((color[inner] - photo[inner]) ** 2).mean())
@@ -260,7 +258,7 @@ class TrainedScene:
             100 * float((truth & (alpha <= 0.5)).sum() / truth.sum()),
             100 * float((1 - alpha[inner]).mean()),
             -10 * float(np.log10(error)),
-            100 * _gradient_energy(color, inner) / _gradient_energy(photo, inner),
+            100 * gradient_energy(color, inner) / gradient_energy(photo, inner),
         )
 
 
@@ -268,12 +266,19 @@ def _in_frame(mask: np.ndarray, camera: Camera, frame: PinholeCamera) -> np.ndar
     return np.asarray(undistort(mask.astype(np.uint8), camera, frame, interpolation="nearest")) > 0
 
 
-def _gradient_energy(picture: np.ndarray, where: np.ndarray) -> float:
+def gradient_energy(picture: np.ndarray, where: np.ndarray) -> float:
+    """Return the mean squared gradient of the grey values of a picture, [H, W, 3] in [0, 1], in the pixels `where`."""
     gray = cv2.cvtColor(picture.astype(np.float32), cv2.COLOR_RGB2GRAY)
     return float(sum(np.square(gradient)[where].mean() for gradient in np.gradient(gray)))
 
 
-def _render(scene: Scene, frame: PinholeCamera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def share_of_needles(gaussians: Gaussians) -> float:
+    """Return the share of Gaussians longer than five times their middle axis, in percent."""
+    ordered = np.sort(gaussians.log_scales, axis=1)
+    return 100 * float((ordered[:, 2] - ordered[:, 1] > np.log(_NEEDLE)).mean())
+
+
+def rendered(scene: Scene, frame: PinholeCamera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return alpha, mean depth and colour on black of a scene."""
     rendered = scene.render(frame, color=True, channels=scene.depth_of(frame)[:, None])
     depth = rendered.channels[..., 3] / np.maximum(rendered.alpha, 1e-3)

@@ -1,0 +1,200 @@
+"""Detail of objects of real photos, at the photos' own size.
+
+The objects are those of `benchmarks.real_sets`, found by one hand-made mask in the scenes that it trains, and those
+that are stored in the projects named by ``--project``. No photo that is compared was trained on.
+
+example: python -m benchmarks.real_detail --doc docs/detail.md
+         python -m benchmarks.real_detail --sets "" --project out/tree/project --picture tree.jpg
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from PIL import Image
+
+from engine.cameras import training_pinhole, undistort
+from engine.core.arrays import Mask
+from engine.core.events import never_stop
+from engine.masks import load_default_sam
+from engine.objects import DetailPhotos, MaskPrompt, Views, detail_object, erode_mask, find_objects, load_context
+from engine.objects.grounding import load_default_detector
+from engine.objects.settings import BETTER
+from engine.photos import load_pixels
+from engine.pictures import Scene
+from engine.project.folder import ProjectFolder
+from engine.project.objects import list_objects, load_membership
+from engine.quality.evaluation.settings import MARKS
+from engine.scene import Camera, Gaussians, PinholeCamera
+
+from .detail import EDGE_WIDTH, MAX_SIDE, gradient_energy, rendered, share_of_needles
+from .documents import print_table
+from .real_sets import SETS, reconstructed, true_masks
+
+_PART = "real photos"
+_MIN_SHARE = 0.5
+"""Share of a pixel that the object contributes to the scene, from which on the pixel is compared."""
+_MIN_PIXELS = 5_000
+"""Smallest part of a photo that is compared, in pixels."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """An object of a trained project.
+
+    Attributes
+    ----------
+    photo_set, name : str
+    views : Views
+    photos : DetailPhotos
+    members : array of shape [N], bool
+    """
+
+    photo_set: str
+    name: str
+    views: Views
+    photos: DetailPhotos
+    members: Mask
+
+    def trained(self) -> Gaussians:
+        """Return its Gaussians as they are in the scene."""
+        return replace(self.views.scene.gaussians[self.members], features=None)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of an object; each pair as in the scene and with detail."""
+
+    name: str
+    size: tuple[int, int]
+    n_photos: int
+    psnr: tuple[float, float]
+    sharp: tuple[float, float]
+    needles: tuple[float, float]
+    n_gaussians: tuple[int, int]
+    cpu_seconds: float
+
+
+def objects_by_mask(name: str, out: Path) -> Iterator[Found]:
+    """Yield the objects of a set with hand-made masks."""
+    project = reconstructed(name, out)
+    context = load_context(project, BETTER, load_default_detector, load_default_sam)
+    for truth in true_masks(name, list(context.views.cameras.by_photo)):
+        evidence = next(iter(truth.files))
+        (found, *_) = find_objects(context, MaskPrompt(evidence, truth.files[evidence]))
+        yield Found(name, truth.name, context.views, DetailPhotos.of(project), found.members)
+
+
+def stored_objects(folder: Path) -> Iterator[Found]:
+    """Yield the objects of a project."""
+    project = ProjectFolder.open_existing(folder)
+    views = load_context(project, BETTER, load_default_detector, load_default_sam).views
+    for record in list_objects(folder):
+        members = load_membership(folder, record.id) >= record.threshold
+        yield Found(folder.resolve().parent.name, record.name, views, DetailPhotos.of(project), members)
+
+
+def measured(thing: Found, picture: Path | None = None) -> Figures:
+    """Train detail and return the figures; `picture` gets the object in the scene, with detail, and in its photo."""
+    started = time.process_time()
+    result = detail_object(thing.views, thing.photos, thing.members, BETTER, should_stop=never_stop)
+    seconds = time.process_time() - started
+    sys.stderr.write(f"{thing.photos.folder}, {thing.name}: {result.sentence}\n")
+    trained = thing.trained()
+    detailed = trained if result.detailed is None else result.detailed.gaussians
+    rows, pictures = [], []
+    for camera in thing.views.cameras.cameras:
+        if camera.photo not in thing.photos.held_out:
+            continue
+        frame, photo = _own_size(camera, thing.photos)
+        where = erode_mask(thing.views.scene.share(frame, thing.members) > _MIN_SHARE, EDGE_WIDTH)
+        if where.sum() < _MIN_PIXELS:
+            continue
+        gain = np.asarray(thing.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
+        shown = [np.clip(rendered(Scene(one), frame)[2] * gain, 0, 1) for one in (trained, detailed)]
+        energy = gradient_energy(photo, where)
+        rows.append(
+            [
+                *(-10 * np.log10(float(((one[where] - photo[where]) ** 2).mean())) for one in shown),
+                *(100 * gradient_energy(one, where) / energy for one in shown),
+            ]
+        )
+        pictures.append((int(where.sum()), [*shown, photo], where))
+    if not rows:
+        raise SystemExit(f"No test photo of {thing.photo_set} shows {thing.name}. Leave it out.")
+    if picture is not None:
+        _save(picture, *max(pictures, key=lambda one: one[0])[1:])
+    before, after, soft, sharp = np.mean(rows, axis=0)
+    return Figures(
+        f"{thing.photo_set} | {thing.name}", photo.shape[1::-1], len(rows), (before, after), (soft, sharp),
+        (share_of_needles(trained), share_of_needles(detailed)), (len(trained), len(detailed)), seconds,
+    )  # fmt: skip
+
+
+def table(rows: Sequence[Figures]) -> str:
+    """Return the Markdown table, with the means."""
+    lines = [
+        "| set | object | pixels | photos | PSNR dB | detail | sharp | detail | needles | detail | Gaussians | detail "
+        "| CPU s |",
+        "| --- | --- |" + " ---: |" * 11,
+    ]
+    for row in rows:
+        lines.append(
+            f"| {row.name} | {row.size[0]} x {row.size[1]} | {row.n_photos} | {row.psnr[0]:.1f} | {row.psnr[1]:.1f} | "
+            f"{row.sharp[0]:.0f} | {row.sharp[1]:.0f} | {row.needles[0]:.0f} | {row.needles[1]:.0f} | "
+            f"{row.n_gaussians[0]:,} | {row.n_gaussians[1]:,} | {row.cpu_seconds:.0f} |"
+        )
+    pairs = [np.mean([getattr(row, name) for row in rows], axis=0) for name in ("psnr", "sharp", "needles")]
+    cells = " | ".join(
+        f"{pair[0]:.{digits}f} | {pair[1]:.{digits}f}" for pair, digits in zip(pairs, (1, 0, 0), strict=True)
+    )
+    seconds = np.mean([row.cpu_seconds for row in rows])
+    return "\n".join([*lines, f"| **mean** | | | | {cells} | | | {seconds:.0f} |"])
+
+
+def _own_size(camera: Camera, photos: DetailPhotos) -> tuple[PinholeCamera, np.ndarray]:
+    """Return the frame of a photo at its own size, and its pixels in [0, 1]."""
+    frame = training_pinhole(camera, max_side=MAX_SIDE)
+    pixels = undistort(load_pixels(photos.folder / camera.photo), camera, frame, interpolation="linear")
+    return frame, np.asarray(pixels, np.float32) / 255
+
+
+def _save(file: Path, shown: Sequence[np.ndarray], where: Mask) -> None:
+    rows, columns = (np.flatnonzero(where.any(axis=axis)) for axis in (1, 0))
+    middle, half = (int(np.median(rows)), int(np.median(columns))), 260
+    part = np.s_[max(0, middle[0] - half) : middle[0] + half, max(0, middle[1] - half) : middle[1] + half]
+    Image.fromarray(np.hstack([(one[part] * 255).astype(np.uint8) for one in shown])).save(file, quality=88)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure the objects and print the table, or write it into a document."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.real_detail",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/real_sets"), help="(default: %(default)s)")
+    parser.add_argument("--sets", default=",".join(SETS), help="(default: %(default)s)")
+    parser.add_argument("--project", type=Path, action="append", default=[], help="measure its objects too")
+    parser.add_argument("--picture", type=Path, help="JPEG of the last object: in the scene, with detail, its photo")
+    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table into this file")
+    options = parser.parse_args(arguments)
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    things = [thing for name in filter(None, options.sets.split(",")) for thing in objects_by_mask(name, options.out)]
+    things += [thing for folder in options.project for thing in stored_objects(folder)]
+    rows = [measured(thing, options.picture if thing is things[-1] else None) for thing in things]
+    print_table(table(rows), options.doc, _PART, MARKS["in sample"])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
