@@ -144,7 +144,7 @@ container-test: ## build the container image and use it; needs root, buildah, de
 windows-test: setup page ## the engine on Windows' Python, under Wine; needs root, debootstrap and 16 GB; an hour
 	$(ENGINE) scripts/windows_test.py --doc docs/windows.md
 
-web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 3 minutes
+web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 10 minutes
 	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web
 
 bench-packages: setup page ## verify beside sha256sum, and the cost of a package, into docs/records.md; needs the project of `make demo`
