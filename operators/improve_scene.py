@@ -10,7 +10,7 @@ from bpy.props import EnumProperty
 
 from ..engine.core.errors import SettingsError
 from ..engine.pipeline.reconstruction_input import better_preset, read_input, repeat_arguments, texts_of_objects
-from ..engine.project.content import list_objects
+from ..engine.project.content import shown_objects
 from ..engine.training.settings import PRESET_LIST
 from ..engine.workers.jobs import format_seconds
 from ..gaussian_heritage_addon.blender.drawn_text import draw_text
@@ -87,7 +87,7 @@ def _consequences(project: Path, preset: str, seconds: dict[str, float] | None) 
     lines = [translated("The scene is trained again with the preset {}; cameras and masks are kept.", preset)]
     if seconds and preset in seconds:
         lines.append(translated("About {} on this computer.", format_seconds(seconds[preset])))
-    objects, texts = list_objects(project), texts_of_objects(project)
+    objects, texts = shown_objects(project), texts_of_objects(project)
     if objects:
         lines.append(
             translated(

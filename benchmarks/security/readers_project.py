@@ -223,10 +223,10 @@ def _list_objects(folder: Path) -> object:
 
 
 def _show_objects(folder: Path) -> object:
-    from engine.project.content import list_objects
+    from engine.project.content import shown_objects
     from engine.project.objects import load_level, load_membership, require_intact
 
-    objects = list_objects(folder)
+    objects = shown_objects(folder)
     require_intact(folder, "vase")
     return [
         load_membership(folder, "vase", 3),

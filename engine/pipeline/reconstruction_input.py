@@ -13,7 +13,7 @@ from typing import Any
 from ..core.errors import HeritageError, ProjectError
 from ..core.files import check, optional, read_after_change
 from ..core.words import join_texts
-from ..project.content import list_objects
+from ..project.content import shown_objects
 from ..project.folder import PROJECT_FILE, ProjectFolder
 from ..training.settings import OFFERED_PRESETS
 
@@ -109,7 +109,7 @@ def repeat_arguments(project: Path, preset: str) -> list[str]:
     Raises
     ------
     HeritageError
-        As `read_input` and `list_objects`.
+        As `read_input` and `shown_objects`.
     """
     given, texts = read_input(project), texts_of_objects(project)
     options = {"--cameras": given.cameras, "--photo-masks": given.photo_masks}
@@ -125,4 +125,4 @@ def repeat_arguments(project: Path, preset: str) -> list[str]:
 
 def texts_of_objects(project: Path) -> Sequence[str]:
     """Return the texts by which objects of `project` were found."""
-    return list(dict.fromkeys(one.prompt for one in list_objects(project) if one.kind == "text" and one.prompt))
+    return list(dict.fromkeys(one.prompt for one in shown_objects(project) if one.kind == "text" and one.prompt))

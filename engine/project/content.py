@@ -14,17 +14,17 @@ from ..core.errors import CameraError, FormatError, ObjectError, ProjectError
 from ..core.files import object_file, path_within
 from ..scene import Camera, read_camera_set
 from .folder import PROJECT_FILE, ProjectFolder
-from .objects import RECORD_FILE, object_ids, read_record
+from .objects import RECORD_FILE, ObjectRecord, list_objects
 
 __all__ = [
     "ProjectObject",
     "default_project_folder",
     "is_project",
-    "list_objects",
     "photo_camera",
     "report_file",
     "require_object",
     "scene_file",
+    "shown_objects",
 ]
 
 _ADVICE = "Isolate the object again."
@@ -50,6 +50,8 @@ class ProjectObject:
         Level that ``membership.npy`` contains (0 is the smallest part), and number of nested levels, at least 1.
     n_gaussians : int
         Gaussians that belong to it.
+    has_detail : bool
+        Whether it was trained further on the photos, with success.
     """
 
     id: str
@@ -61,6 +63,7 @@ class ProjectObject:
     level: int = 0
     n_levels: int = 1
     n_gaussians: int = 0
+    has_detail: bool = False
 
 
 def default_project_folder(photos: Path) -> Path:
@@ -92,22 +95,22 @@ def report_file(project: Path) -> Path:
     return path_within(project, "report", "report.html")
 
 
-def list_objects(project: Path) -> list[ProjectObject]:
-    """Return the objects of the project, sorted by name.
+def shown_objects(project: Path) -> list[ProjectObject]:
+    """Return the objects of the project as a user sees them, sorted by name.
 
     Raises
     ------
     FormatError
         When an ``object.json`` cannot be read.
     """
-    objects = [_read_object(object_file(project, name, RECORD_FILE)) for name in object_ids(project)]
+    objects = [_shown(project, record) for record in list_objects(project)]
     return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
 
 
-def _read_object(file: Path) -> ProjectObject:
-    record = read_record(file)
+def _shown(project: Path, record: ObjectRecord) -> ProjectObject:
     n_levels = max(1, len(record.levels))
     if not 0 <= record.level < n_levels:
+        file = object_file(project, record.id, RECORD_FILE)
         raise FormatError(f"{file} cannot be read: it has {n_levels} levels, not level {record.level}. {_ADVICE}")
     return ProjectObject(
         id=record.id,
@@ -119,6 +122,7 @@ def _read_object(file: Path) -> ProjectObject:
         level=record.level,
         n_levels=n_levels,
         n_gaussians=record.n_gaussians,
+        has_detail=bool((record.detail or {}).get("kept")),
     )
 
 

@@ -10,9 +10,9 @@ from typing import Any
 from ..core.errors import HeritageError
 from ..core.files import object_file, path_within
 from ..delivery.records import describe_unit
-from ..project.content import ProjectObject, is_project, list_objects
+from ..project.content import ProjectObject, is_project, shown_objects
 from ..project.folder import ProjectFolder
-from ..project.objects import RECORD_FILE, load_record, read_record, state_of
+from ..project.objects import RECORD_FILE, load_record, state_of
 from ..project.refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
 from .library import WebProject, size_of
@@ -71,13 +71,11 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
 def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
     """Return an object with the record that a curator has entered, and the state that tells when it has changed."""
     record = asdict(load_record(project.project, item.id))
-    file = object_file(project.project, item.id, RECORD_FILE)
-    detail = read_record(file).detail or {}
-    shown = {name: getattr(item, name) for name in ("id", "name", "prompt", "score", "kind", "n_gaussians")}
+    names = ("id", "name", "prompt", "score", "kind", "n_gaussians", "has_detail")
+    shown = {name: getattr(item, name) for name in names}
     picture = f"/api/v1/projects/{project.id}/objects/{item.id}/thumbnail.jpg"
-    return {
-        **shown, **record, "picture": picture, "state": state_of(file.parent), "has_detail": bool(detail.get("kept"))
-    }  # fmt: skip
+    state = state_of(object_file(project.project, item.id, RECORD_FILE).parent)
+    return {**shown, **record, "picture": picture, "state": state}
 
 
 def describe_removed(item: TrashItem) -> dict[str, Any]:
@@ -91,7 +89,7 @@ def has_scene(project: WebProject) -> bool:
 
 
 def _objects(project: WebProject) -> list[ProjectObject]:
-    return list_objects(project.project) if has_scene(project) else []
+    return shown_objects(project.project) if has_scene(project) else []
 
 
 def _state(queue: JobQueue, project: WebProject, n_photos: int) -> str:

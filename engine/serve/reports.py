@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse
 from ..core.errors import FormatError
 from ..core.files import object_file, read_json, write_json
 from ..core.visible_text import visible
-from ..project.content import list_objects, report_file, scene_file
+from ..project.content import report_file, scene_file, shown_objects
 from ..project.objects import RECORD_FILE
 from .engine_call import call_engine
 from .library import NotFound, WebProject
@@ -61,7 +61,7 @@ def report_response(project: WebProject) -> FileResponse:
 
 def _key(project: WebProject) -> str:
     """Return a hash of what the report shows and may change without a reconstruction."""
-    records = [object_file(project.project, one.id, RECORD_FILE) for one in list_objects(project.project)]
+    records = [object_file(project.project, one.id, RECORD_FILE) for one in shown_objects(project.project)]
     files = [scene_file(project.project), *records]
     changed = [(file.parent.name, file.stat().st_mtime_ns) for file in files]
     return hashlib.sha256(repr((project.title, changed)).encode()).hexdigest()

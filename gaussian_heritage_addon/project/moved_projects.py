@@ -10,7 +10,7 @@ import bpy
 
 from ...engine.core.errors import HeritageError, ProjectError
 from ...engine.core.files import path_within
-from ...engine.project.content import is_project, list_objects
+from ...engine.project.content import is_project, shown_objects
 from ...engine.scene import read_camera_set
 from ..blender import problems
 from ..splats.properties import HeritageObject, HeritageScene, photo_of, project_of
@@ -130,7 +130,7 @@ def _fits(old: Path, new: Path) -> bool:
     try:
         cameras = path_within(new, "cameras")
         known = {one.photo for one in read_camera_set(cameras).cameras} if photos else set()
-        known_ids = {item.id for item in list_objects(new)}
+        known_ids = {item.id for item in shown_objects(new)}
     except HeritageError:
         return False
     return photos <= known and (not ids or bool(ids & known_ids) or bool(photos))

@@ -14,7 +14,7 @@ from ...engine.core.errors import FormatError
 from ...engine.core.files import path_within
 from ...engine.delivery.records import scene_title
 from ...engine.formats import ANTIALIASED_NOTE, Up, file_from_z_up, kind_of, read_other, read_ply, read_ply_file
-from ...engine.project.content import list_objects, scene_file
+from ...engine.project.content import scene_file, shown_objects
 from ...engine.project.folder import ProjectFolder
 from ...engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from ..blender.default_objects import hide_untouched_defaults
@@ -150,7 +150,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     """
     project = project.absolute()
     file = scene_file(project)
-    objects = list_objects(project)
+    objects = shown_objects(project)
     camera_folder = path_within(project, "cameras")
     has_cameras = (camera_folder / "cameras.json").exists()
     camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
@@ -235,7 +235,7 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
     """
     present = _shown_objects(scene, project)
     id_set = set(ids)
-    items = [item for item in list_objects(project) if item.id in id_set]
+    items = [item for item in shown_objects(project) if item.id in id_set]
     if not items:
         return []
     whole = whole_scene(scene, project)

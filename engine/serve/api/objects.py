@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 
 from ...core.files import object_file
 from ...formats import format_of
-from ...project.content import ProjectObject, list_objects
+from ...project.content import ProjectObject, shown_objects
 from ...project.folder import ProjectFolder
 from ...project.objects import (
     RECORD_FILE,
@@ -120,7 +120,7 @@ def remove_object(object_id: str, project: CurrentProject, request: Request) -> 
 
 
 def _object(project: WebProject, object_id: str) -> ProjectObject:
-    item = next((one for one in list_objects(project.project) if one.id == object_id), None)
+    item = next((one for one in shown_objects(project.project) if one.id == object_id), None)
     if item is None:
         raise NotFound("There is no such object.")
     return item

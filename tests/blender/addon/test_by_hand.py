@@ -263,7 +263,7 @@ def test_edits_are_stored_in_the_project_by_the_engine(balls: Any, part: Part, i
     finally:
         preferences.engine_python = ""
     content, objects = part("engine.project.content"), part("engine.project.objects")
-    names = {item.id: item.name for item in content.list_objects(balls.folder)}
+    names = {item.id: item.name for item in content.shown_objects(balls.folder)}
     assert names == {"left": "Left", "vase": "Vase", "fenster-öst": "Fenster öst"}
     stored = objects.load_membership(balls.folder, "left", 600)
     assert np.array_equal(stored >= 0.5, balls.label < 2)

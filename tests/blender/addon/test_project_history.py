@@ -72,7 +72,7 @@ def in_blender(part: Part) -> Shown:
 def in_project(part: Part, folder: Path) -> Shown:
     """Return what the project has: the record and the stored memberships agree."""
     content, objects, found = part("engine.project.content"), part("engine.project.objects"), {}
-    for item in content.list_objects(folder):
+    for item in content.shown_objects(folder):
         objects.require_intact(folder, item.id)
         members = objects.load_membership(folder, item.id, 100) >= np.float32(item.threshold)
         assert members.sum() == item.n_gaussians, item
@@ -277,7 +277,7 @@ def test_blender_project_and_files_agree_all_life_long(
 
 
 def names(part: Part, folder: Path) -> dict[str, str]:
-    return {item.id: item.name for item in part("engine.project.content").list_objects(folder)}
+    return {item.id: item.name for item in part("engine.project.content").shown_objects(folder)}
 
 
 def not_stored(draw: Callable[[str], Any]) -> list[str]:
