@@ -67,7 +67,8 @@ _MIN_PHOTOS = 3
 """Photos that an object needs: fewer say nothing of how deep a detail is."""
 
 _VALIDATION_SHARE, _MAX_VALIDATION = 0.12, 4
-"""Share, and largest number, of the photos that decide whether the detail is kept, and are not trained on."""
+"""Share of the training photos that decide whether the detail is kept, where no test photo shows the object, and the
+largest number of photos that decide."""
 
 _MIN_GAIN = 0.02
 """Gain on these photos, in dB, below which the detail is not kept."""
@@ -93,7 +94,7 @@ class DetailPhotos:
     ----------
     folder : Path
     held_out : collection of str
-        Names of the test photos, which nothing is trained on.
+        Names of the test photos, which nothing is trained on; they decide whether detail is kept.
     gains : mapping of str to sequence of 3 float
         Brightness of photos relative to the scene; 1 for others.
     masks : mapping of str to Path
@@ -186,8 +187,8 @@ def detail_object(
     Let s be the share of a pixel that the members contribute in the whole scene. The coverage of the object alone is to
     be (s - 0.3) / 0.4, clipped to [0, 1], and 1 inside its outline. Where it covers more alone, and has the colours of
     the photo there, it keeps that. Pixels in which other Gaussians are clearly in front of the object do not count.
-    Colours come from the photos alone. The result is kept when it is better on photos that were left out. Figures:
-    docs/detail.md.
+    Colours come from the photos alone. The result is kept when it is better on the test photos, which neither the scene
+    nor the detail was trained on. Figures: docs/detail.md.
     """
     started, rows = time.perf_counter(), np.flatnonzero(members)
     record: dict[str, Any] = {"kept": False, "steps": settings.detail_steps}
@@ -195,26 +196,26 @@ def detail_object(
         return DetailResult(None, {**record, "why": "no steps were asked for" if len(rows) else "it is empty"})
     gaussians = views.scene.gaussians
     trained = replace(gaussians[rows], features=None)
-    cameras = [one for one in views.facing(np.median(trained.means, axis=0)) if one.photo not in photos.held_out]
+    facing = views.facing(np.median(trained.means, axis=0))
+    cameras = spread_cameras([one for one in facing if one.photo not in photos.held_out], _MAX_PHOTOS)
+    tests = spread_cameras([one for one in facing if one.photo in photos.held_out], _MAX_VALIDATION)
     cutter = _Cutter(views, photos, members, trained)
     crops: list[DetailCrop] = []
-    spread = spread_cameras(cameras, _MAX_PHOTOS)
-    for number, camera in enumerate(spread):
+    for number, camera in enumerate([*cameras, *tests]):
         if should_stop():
             raise Cancelled("Stopped while detailing; nothing was stored.")
         crop = cutter.crop(camera)
         if crop is not None:
             crops.append(crop)
-        tell(_PREPARATION * (number + 1) / len(spread), None)
-    if len(crops) < _MIN_PHOTOS:
-        return DetailResult(None, {**record, "why": f"only {len(crops)} training photos show it, and it needs 3"})
+        tell(_PREPARATION * ((number + 1) / (len(cameras) + len(tests))), None)
     crops.sort(key=lambda crop: crop.photo)
-    crops = _weighted(crops)
-    n_validation = min(_MAX_VALIDATION, max(1, round(_VALIDATION_SHARE * len(crops))))
-    chosen = {round((i + 0.5) * len(crops) / n_validation - 0.5) for i in range(n_validation)}
-    validation = [crop for i, crop in enumerate(crops) if i in chosen]
-    training = [crop for i, crop in enumerate(crops) if i not in chosen]
-    n_pixels = float(np.median([crop.inside.sum() for crop in crops]))
+    training, validation = ([one for one in crops if (one.photo in photos.held_out) is held] for held in (False, True))
+    if len(training) < _MIN_PHOTOS:
+        return DetailResult(None, {**record, "why": f"only {len(training)} training photos show it, and it needs 3"})
+    training = _weighted(training)
+    if not validation:
+        training, validation = _divided(training)
+    n_pixels = float(np.median([crop.inside.sum() for crop in training]))
     budget = round(min(_MAX_GROWTH * len(rows), max(len(rows), _SIDES * n_pixels / _PIXELS_PER_GAUSSIAN)))
     # The steps compare small windows: a card would wait for copies in each.
     backend: Backend = "cpu" if views.scene.backend == "gpu" else views.scene.backend
@@ -320,6 +321,16 @@ class _Cutter:
         farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
         hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
         return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated
+
+
+def _divided(crops: Sequence[DetailCrop]) -> tuple[list[DetailCrop], list[DetailCrop]]:
+    """Return crops to train on and to decide by, where no test photo shows the object.
+
+    The scene was trained on the second ones too, so that they favour the object as it is.
+    """
+    n_validation = min(_MAX_VALIDATION, max(1, round(_VALIDATION_SHARE * len(crops))))
+    chosen = {round((i + 0.5) * len(crops) / n_validation - 0.5) for i in range(n_validation)}
+    return [one for i, one in enumerate(crops) if i not in chosen], [crops[i] for i in sorted(chosen)]
 
 
 def _weighted(crops: Sequence[DetailCrop]) -> list[DetailCrop]:

@@ -149,23 +149,34 @@ def test_scene_stays_as_it_is_and_the_result_repeats_exactly(seen: Seen) -> None
         np.testing.assert_array_equal(getattr(one.detailed.gaussians, name), getattr(other.detailed.gaussians, name))
 
 
-def test_test_photos_are_not_read(seen: Seen, tmp_path: Path) -> None:
+def test_test_photos_decide_and_are_not_trained_on(seen: Seen, detailed: DetailResult, tmp_path: Path) -> None:
+    assert detailed.record["validation"] == [TEST_PHOTO] and detailed.record["photos"] == 11
     for photo, pixels in seen.pixels.items():
-        if photo != TEST_PHOTO:
-            Image.fromarray(pixels).save(tmp_path / photo)
-    result = replace(seen, photos=replace(seen.photos, folder=tmp_path)).detail(settings=replace(SMALL, detail_steps=1))
-    assert result.record["photos"] + len(result.record["validation"]) == 11
+        Image.fromarray(pixels // 2 if photo == TEST_PHOTO else pixels).save(tmp_path / photo)
+    dark, same = (
+        replace(seen, photos=replace(seen.photos, folder=folder)).detail(settings=replace(SMALL, detail_steps=60))
+        for folder in (tmp_path, seen.photos.folder)
+    )
+    assert dark.record["psnr"][1] < same.record["psnr"][1] and same.detailed is not None
+    if dark.detailed is not None:
+        np.testing.assert_array_equal(dark.detailed.gaussians.sh, same.detailed.gaussians.sh)
 
 
-def test_detail_that_photos_left_out_refute_is_not_kept(seen: Seen, tmp_path: Path) -> None:
-    """All photos but the one that is left out are darker, as of another day, and no brightness is known of them."""
+def test_training_photos_decide_where_no_test_photo_shows_the_object(seen: Seen) -> None:
+    result = replace(seen, photos=replace(seen.photos, held_out=frozenset())).detail(
+        settings=replace(SMALL, detail_steps=1)
+    )
+    assert result.record["photos"] + len(result.record["validation"]) == 12 and result.record["validation"]
+
+
+def test_detail_that_test_photos_refute_is_not_kept(seen: Seen, tmp_path: Path) -> None:
+    """All photos but the one that decides are darker, as of another day, and no brightness is known of them."""
     for photo in seen.pixels:
-        shown = np.clip(seen.alone(seen.gaussians, photo)[0], 0, 1) * (1.0 if photo == "view_06.png" else 0.6)
+        shown = np.clip(seen.alone(seen.gaussians, photo)[0], 0, 1) * (1.0 if photo == TEST_PHOTO else 0.6)
         Image.fromarray((shown * 255).astype(np.uint8)).save(tmp_path / photo)
     result = replace(seen, photos=replace(seen.photos, folder=tmp_path)).detail(
         settings=replace(SMALL, detail_steps=60)
     )
-    assert result.record["validation"] == ["view_06.png"]
     assert result.detailed is None and not result.record["kept"]
     assert "stays as it is in the scene: photos that were left out show no gain" in result.sentence
 
