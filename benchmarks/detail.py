@@ -77,8 +77,9 @@ missing because the word did not find it.
 - Gaussians are split where the error of the object is, up to one for 8 pixels of its surface and six times as many as
   before. Each follows the Gaussian of the scene that it was split from, so *Threshold*, *Part to Whole*, corrections
   and edits by hand go on working. None may be a needle, reach far, or leave the object's box.
-- A tenth of the photos is left out. If the object is not closer to them than before, it stays as it is, which its
-  record says (``detail`` in ``object.json``).
+- The test photos decide. If the object is not closer to them than before, it stays as it is, which its record says
+  (``detail`` in ``object.json``). Other photos cannot: the scene was trained on them, so they favour the object as it
+  is. They decide, more strictly, only where no test photo shows the object.
 - Near and sharp photos are drawn more often. Crops above 600,000 pixels are read smaller, which the record says.
 - The steps run on the processor, also where a graphics card renders the scene: windows are small, and a card would wait
   for copies in each step.

@@ -32,14 +32,17 @@ from engine.photos import load_pixels
 from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
 from engine.project.objects import list_objects, load_membership
+from engine.quality.evaluation import write_section
 from engine.quality.evaluation.settings import MARKS
 from engine.scene import Camera, Gaussians, PinholeCamera
 
 from .detail import EDGE_WIDTH, MAX_SIDE, gradient_energy, rendered, share_of_needles
-from .documents import print_table
 from .real_sets import SETS, reconstructed, true_masks
 
-_PART = "real photos"
+_TITLE = "Real photos"
+_TEXT = """Figures are means over test photos at their own size. Neither the scene nor the detail was trained on them; they decide
+only whether the detail is kept. Compared are the pixels in which the object contributes more than half to the scene. The
+objects of sets with hand-made masks are found by the first mask (docs/objects.md)."""
 _MIN_SHARE = 0.5
 """Share of a pixel that the object contributes to the scene, from which on the pixel is compared."""
 _MIN_PIXELS = 5_000
@@ -184,6 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("out/real_sets"), help="(default: %(default)s)")
     parser.add_argument("--sets", default=",".join(SETS), help="(default: %(default)s)")
     parser.add_argument("--project", type=Path, action="append", default=[], help="measure its objects too")
+    parser.add_argument("--mark", choices=tuple(MARKS), default="in sample", help="(default: %(default)s)")
     parser.add_argument("--picture", type=Path, help="JPEG of the last object: in the scene, with detail, its photo")
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table into this file")
     options = parser.parse_args(arguments)
@@ -192,7 +196,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     things = [thing for name in filter(None, options.sets.split(",")) for thing in objects_by_mask(name, options.out)]
     things += [thing for folder in options.project for thing in stored_objects(folder)]
     rows = [measured(thing, options.picture if thing is things[-1] else None) for thing in things]
-    print_table(table(rows), options.doc, _PART, MARKS["in sample"])
+    text = table(rows)
+    sys.stdout.write(f"{text}\n")
+    if options.doc is not None:
+        projects = "".join(f" --project {folder}" for folder in options.project)
+        command = f"`python -m benchmarks.real_detail{projects} --doc {options.doc}`"
+        write_section(options.doc, title=_TITLE, body="\n\n".join((command, MARKS[options.mark], _TEXT, text)))
     return 0
 
 
