@@ -106,8 +106,11 @@ def stored_objects(folder: Path) -> Iterator[Found]:
         yield Found(folder.resolve().parent.name, record.name, views, DetailPhotos.of(project), members)
 
 
-def measured(thing: Found, picture: Path | None = None) -> Figures:
-    """Train detail and return the figures; `picture` gets the object in the scene, with detail, and in its photo."""
+def measured(thing: Found, picture: Path | None = None) -> Figures | None:
+    """Train detail and return the figures, None where no test photo shows the object.
+
+    `picture` gets the object in the scene, with detail, and in its photo.
+    """
     started = time.process_time()
     result = detail_object(thing.views, thing.photos, thing.members, BETTER, should_stop=never_stop)
     seconds = time.process_time() - started
@@ -133,7 +136,7 @@ def measured(thing: Found, picture: Path | None = None) -> Figures:
         )
         pictures.append((int(where.sum()), [*shown, photo], where))
     if not rows:
-        raise SystemExit(f"No test photo of {thing.photo_set} shows {thing.name}. Leave it out.")
+        return None
     if picture is not None:
         _save(picture, *max(pictures, key=lambda one: one[0])[1:])
     before, after, soft, sharp = np.mean(rows, axis=0)
@@ -195,8 +198,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     cv2.setNumThreads(1)
     things = [thing for name in filter(None, options.sets.split(",")) for thing in objects_by_mask(name, options.out)]
     things += [thing for folder in options.project for thing in stored_objects(folder)]
-    rows = [measured(thing, options.picture if thing is things[-1] else None) for thing in things]
+    rows, unseen = [], []
+    for thing in things:
+        figures = measured(thing, options.picture if thing is things[-1] else None)
+        if figures is None:
+            unseen.append(f"{thing.name} of {thing.photo_set}")
+        else:
+            rows.append(figures)
     text = table(rows)
+    if unseen:
+        text += f"\n\nNo test photo shows {', '.join(unseen)}."
     sys.stdout.write(f"{text}\n")
     if options.doc is not None:
         projects = "".join(f" --project {folder}" for folder in options.project)
