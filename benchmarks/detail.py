@@ -79,7 +79,8 @@ missing because the word did not find it.
   and edits by hand go on working. None may be a needle, reach far, or leave the object's box.
 - The test photos decide. If the object is not closer to them than before, it stays as it is, which its record says
   (``detail`` in ``object.json``). Other photos cannot: the scene was trained on them, so they favour the object as it
-  is. They decide, more strictly, only where no test photo shows the object.
+  is. They decide, more strictly, only where no test photo shows the object. So the photos of the tables below decided
+  one thing: whether the detail is kept.
 - Near and sharp photos are drawn more often. Crops above 600,000 pixels are read smaller, which the record says.
 - The steps run on the processor, also where a graphics card renders the scene: windows are small, and a card would wait
   for copies in each step.

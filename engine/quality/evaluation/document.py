@@ -41,6 +41,8 @@ def write_section(path: Path, *, title: str, body: str, introduction: str = "", 
         above, *parts = ("\n" + read_text(path, advice=advice)).split("\n" + _HEADING)
         introduction = introduction or above
         sections = {part.partition("\n")[0]: part.partition("\n")[2].strip() for part in parts}
+        # The introduction may have headings of its own.
+        sections = {name: text for name, text in sections.items() if f"\n{_HEADING}{name}\n" not in introduction}
     sections[title] = body.strip()
     texts = [f"{_HEADING}{name}\n\n{text}" for name, text in sections.items() if _HEADING + name != last]
     with atomic_write(path, "w") as stream:

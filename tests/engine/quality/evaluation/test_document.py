@@ -22,3 +22,10 @@ def test_the_text_above_the_sections_stays_unless_another_is_given(tmp_path: Pat
     assert doc.read_text() == "# Training\n\nHow it works.\n\n## One\n\n1\n\n## Two\n\n2\n"
     write_section(doc, introduction="# Other", title="Two", body="3")
     assert doc.read_text().startswith("# Other\n\n## One")
+
+
+def test_headings_of_the_introduction_are_written_once(tmp_path: Path) -> None:
+    doc = tmp_path / "table.md"
+    for body in ("first", "second"):
+        write_section(doc, introduction="# Detail\n\n## Columns\n\nShort.", title="room", body=body)
+    assert doc.read_text(encoding="utf-8") == "# Detail\n\n## Columns\n\nShort.\n\n## room\n\nsecond\n"
