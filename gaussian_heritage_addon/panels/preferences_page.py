@@ -136,7 +136,7 @@ class HeritagePreferences(bpy.types.AddonPreferences):
         row.operator("heritage.check_models", text="List").verify = False
         row.operator("heritage.check_models", text="Verify").verify = True
         current = job_runner.current()
-        if current is not None and current[0].kind in ("models", "doctor", "remove engine") and not current[1].finished:
+        if current is not None and current[0].kind in ("models", "doctor") and not current[1].finished:
             # The results of a finished job are shown with each model below.
             draw_job(layout, *current)
         layout.prop(self, "sam")

@@ -13,6 +13,9 @@ from .job_box import draw_job
 
 __all__ = ["draw_set_up", "set_up_label"]
 
+_CHANGES = ("set-up", "remove engine")
+"""Kinds of jobs during which the state of the engine says nothing: what they do is shown instead."""
+
 _LABELS = {
     "missing": pgettext_n("Set Up Engine"),
     "incomplete": pgettext_n("Continue Set-Up"),
@@ -28,7 +31,7 @@ def set_up_label() -> str:
 def draw_set_up(layout: bpy.types.UILayout) -> bool:
     """Draw what leads to an engine, or its progress; return False, and draw nothing, when there is an engine."""
     job = job_runner.current()
-    if job is not None and job[0].kind == "set-up" and not job[1].finished:
+    if job is not None and job[0].kind in _CHANGES and not job[1].finished:
         draw_job(layout, *job)
         if job[1].running:
             return True

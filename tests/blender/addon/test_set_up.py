@@ -92,6 +92,18 @@ def test_engine_is_removed_and_the_rest_stays(preferences: Any, folder: Path, pa
     assert not folder.exists() and (folder.parent / "photos").exists()
 
 
+def test_panel_shows_the_removal_while_it_runs(
+    preferences: Any, folder: Path, part: Part, monkeypatch: pytest.MonkeyPatch, draw: Draw, tmp_path: Path
+) -> None:
+    part("gaussian_heritage_addon.setup.installation").installed_engine().begin()
+    assert "Continue Set-Up" in draw("HERITAGE_PT_scene").texts
+    state = part("engine.workers.jobs").JobState(message="Removing the engine")
+    job = SimpleNamespace(kind="remove engine", of_earlier_session=False, subject="engine", folder=tmp_path)
+    monkeypatch.setattr(part("gaussian_heritage_addon.jobs.job_runner"), "current", lambda: (job, state))
+    texts = draw("HERITAGE_PT_scene").texts
+    assert "Removing the engine" in texts and "Continue Set-Up" not in texts
+
+
 @pytest.fixture
 def offline(part: Part, monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """Blender without online access, as it is when it was installed."""
