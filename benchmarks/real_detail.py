@@ -43,7 +43,11 @@ _TEXT = """No constant of the detail was chosen on these photos; constants of th
 
 Figures are means over test photos at their own size. Neither the scene nor the detail was trained on them; they decide
 only whether the detail is kept. Compared are the pixels in which the object contributes more than half to the scene.
-The objects of sets with hand-made masks are found by the first mask (docs/objects.md)."""
+The objects of sets with hand-made masks are found by the first mask (docs/objects.md).
+
+`monstree` is AliceVision's public set of that name, of a phone: its folder `full`, the 23 files below 4 MiB, with the
+preset `standard`, and ``segment --box IMG_1028.JPG=465,610,3240,2940 --name face``. Crops are read at 600,000 pixels, a
+quarter of the scale of its photos, so the sharpness at their own size stays low. Twice as many steps give it 0.1 dB."""
 _MIN_SHARE = 0.5
 """Share of a pixel that the object contributes to the scene, from which on the pixel is compared."""
 _MIN_PIXELS = 5_000
