@@ -6,7 +6,7 @@ from .blender import guards, problems
 from .jobs import job_runner, preset_times
 from .language import translations
 from .panels import panels, preferences_page
-from .project import following, object_state, open_projects, pictures, project_history
+from .project import following, object_state, open_projects, pictures, project_history, ruler_view
 from .setup.preferences import user_folder
 from .splats import display_settings, edited_splats, properties, solid_mode, splat_view, view_selection
 
@@ -37,12 +37,14 @@ def register() -> None:
     edited_splats.register()
     splat_view.register()
     view_selection.register()
+    ruler_view.register()
     translations.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
     translations.unregister()
+    ruler_view.unregister()
     view_selection.unregister()
     splat_view.unregister()
     edited_splats.unregister()

@@ -116,9 +116,9 @@ def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.ty
     for obj in _measured_splats(scene)[:1]:
         for key, value in placement_properties(obj).items():
             ruler[key] = value
-    ruler.show_name = ruler.show_in_front = True
+    # `ruler_view` draws it, with its name, over the splats.
+    ruler.show_in_front = True
     ruler.display_type, ruler.hide_render = "WIRE", True
-    # Its name is drawn at its origin.
     ruler.location = first
     scene.collection.objects.link(ruler)
     return ruler

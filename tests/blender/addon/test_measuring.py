@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -301,3 +302,22 @@ def test_measuring_moves_the_views_as_the_splats(opened: Any, part: Part, monkey
         module.measure(scene, measurement)
     np.testing.assert_allclose(np.cbrt(np.linalg.det(moves[0][:3, :3])), 5.0, rtol=1e-5)
     np.testing.assert_allclose(moves[1] @ moves[0], np.eye(4), atol=1e-5)
+
+
+def test_visible_rulers_before_the_eye_are_drawn_over_the_splats(blender: ModuleType, part: Part) -> None:
+    measuring, view = (
+        part("gaussian_heritage_addon.project.measuring"),
+        part("gaussian_heritage_addon.project.ruler_view"),
+    )
+    # Looks along y, without perspective: x and z from -1 to 1 fill the picture.
+    window = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], np.float64)
+    sight = part("gaussian_heritage_addon.splats.sight").Sight(200, 100, window)
+    scene = bpy.context.scene
+    ruler = measuring.add_ruler(scene, np.array([0.0, 0.3, 0.0]), np.array([0.5, 0.3, 0.5]))
+    ((name, ends),) = view.rulers_in_view(bpy.context, sight)
+    assert name == ruler.name
+    np.testing.assert_allclose(ends, [(100, 50), (150, 75)], atol=1e-4)
+    behind = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0, -1, 0, 0]], np.float64)
+    assert view.rulers_in_view(bpy.context, replace(sight, window_from_world=behind)) == []
+    ruler.hide_set(True)
+    assert view.rulers_in_view(bpy.context, sight) == []
