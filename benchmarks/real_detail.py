@@ -39,7 +39,8 @@ from .detail import EDGE_WIDTH, MAX_SIDE, gradient_energy, rendered, share_of_ne
 from .real_sets import SETS, reconstructed, true_masks
 
 _TITLE = "Real photos"
-_TEXT = """**Test** of the detail: no constant of it was chosen on these photos; constants of the training and of objects were.
+_TEXT = """\
+**Test** of the detail: no constant of it was chosen on these photos. Constants of the training and of objects were.
 
 Figures are means over test photos at their own size. Neither the scene nor the detail was trained on them; they decide
 only whether the detail is kept. Compared are the pixels in which the object contributes more than half to the scene.
