@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
+from PIL import Image
 from window_driver import PACKAGE, SCREEN_HEIGHT, Window
+
+RULER_COLOR = (255, 191, 51)
+_REACH, _COLOR_TOLERANCE = 20, 60
+"""Pixels around the middle of a ruler in which it must be seen, and the largest difference of its colour, of 255."""
 
 
 def invoke(window: Window, operator: str, **options: object) -> None:
@@ -104,6 +110,15 @@ for places in (order, order[::-1]):
     return [bottom, top]
 
 
+def _is_ruler_seen(window: Window, ends: list[tuple[float, float]]) -> bool:
+    """Return whether the last picture `measured` has the ruler's colour between two positions on the screen."""
+    with Image.open(window.work / "screenshots" / "measured.png") as picture:
+        pixels = np.asarray(picture.convert("RGB"), np.float64)
+    x, y = (round(sum(places) / 2) for places in zip(*ends, strict=True))
+    around = pixels[y - _REACH : y + _REACH, x - _REACH : x + _REACH]
+    return bool((np.abs(around - RULER_COLOR).max(axis=2) < _COLOR_TOLERANCE).sum() > _REACH)
+
+
 def measure_scene(window: Window) -> None:
     """Pick the ends of a known distance and of a ruler in the view, and look at the panels, also in German."""
     frame_object(window)
@@ -132,6 +147,9 @@ def measure_scene(window: Window) -> None:
     )
     window.scroll(12)
     window.shot("measured")
+    if not _is_ruler_seen(window, ends):
+        window.fail("the ruler is not seen over the splats")
+    print("  the ruler is seen over the splats", flush=True)
     window.python("bpy.context.preferences.view.language = 'de_DE'")
     time.sleep(5)
     window.shot("german")
