@@ -169,6 +169,8 @@ def _draw_what_stays(layout: bpy.types.UILayout) -> None:
 
 def _draw_model(box: bpy.types.UILayout, model: Model, states: States, *, with_licence: bool) -> None:
     state, problem = model.state(states)
+    if state == "UNKNOWN" and not model.optional and installed_engine().state() == "ready":
+        state = "AVAILABLE"  # The set-up ends only with the files that the engine needs.
     row = box.row()
     row.label(text=model.title, icon=_ICONS[state])
     if state != "AVAILABLE":

@@ -186,3 +186,18 @@ def test_preferences_say_what_uninstalling_leaves_and_how_to_delete_it(
     assert "Uninstalling the add-on leaves the engine (0.0 GB)" in texts and "Press Remove first" in texts
     # A path is broken behind its separators.
     assert str(folder).replace(" ", "") in texts.replace(" ", "")
+
+
+def test_models_that_came_with_the_set_up_are_not_offered_for_download(
+    preferences: Any, folder: Path, installed: str, part: Part
+) -> None:
+    models = part("gaussian_heritage_addon.setup.model_files").list_models()
+    assert drawn_preferences(installed).texts.count("Fetch ...") == len(models)
+    engine = part("gaussian_heritage_addon.setup.installation").installed_engine()
+    engine.begin()
+    engine.python.parent.mkdir(parents=True)
+    engine.python.touch()
+    engine.finish("3.11", "cpu")
+    assert (
+        drawn_preferences(installed).texts.count("Fetch ...") == sum(model.optional for model in models) < len(models)
+    )
