@@ -39,7 +39,7 @@ from engine.training import load_gaussians
 
 _DEMO = Path("demo")
 
-MAX_SIDE = 4096
+_MAX_SIDE = 4096
 """Longest side, in pixels, at which a test photo is compared."""
 
 _MIN_PIXELS = 300
@@ -232,13 +232,8 @@ class TrainedScene:
 
     def _photo(self, camera: Camera, exhibit: str) -> tuple[PinholeCamera, np.ndarray, np.ndarray]:
         """Return the frame of a photo at its own size, its pixels in [0, 1], and the true mask of an exhibit in it."""
-        frame = training_pinhole(camera, max_side=MAX_SIDE)
-        pixels = undistort(load_pixels(self.photos.folder / camera.photo), camera, frame, interpolation="linear")
-        return (
-            frame,
-            np.asarray(pixels, np.float32) / 255,
-            _in_frame(self.truth.masks(camera.photo)[exhibit], camera, frame),
-        )
+        frame, pixels = photo_at_own_size(camera, self.photos)
+        return frame, pixels, _in_frame(self.truth.masks(camera.photo)[exhibit], camera, frame)
 
     def _compare(
         self, alone: Gaussians, camera: Camera, exhibit: str, occluder_distance: float
@@ -252,7 +247,7 @@ class TrainedScene:
         alpha, depth, color = rendered(Scene(alone), frame)
         hidden = rendered(self.views.scene, frame)[1] < depth - occluder_distance
         inner = erode_mask(truth, EDGE_WIDTH)
-        gain = np.asarray(self.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
+        gain = self.photos.gain(camera.photo)
         color = np.clip(color * gain, 0, 1)
         error = float(((color[inner] - photo[inner]) ** 2).mean())
         return (
@@ -266,6 +261,13 @@ class TrainedScene:
 
 def _in_frame(mask: np.ndarray, camera: Camera, frame: PinholeCamera) -> np.ndarray:
     return np.asarray(undistort(mask.astype(np.uint8), camera, frame, interpolation="nearest")) > 0
+
+
+def photo_at_own_size(camera: Camera, photos: DetailPhotos) -> tuple[PinholeCamera, np.ndarray]:
+    """Return the frame of a photo without distortion at its own size, and its pixels, [H, W, 3] in [0, 1]."""
+    frame = training_pinhole(camera, max_side=_MAX_SIDE)
+    pixels = undistort(load_pixels(photos.folder / camera.photo), camera, frame, interpolation="linear")
+    return frame, np.asarray(pixels, np.float32) / 255
 
 
 def gradient_energy(picture: np.ndarray, where: np.ndarray) -> float:

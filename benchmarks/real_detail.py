@@ -21,21 +21,19 @@ import numpy as np
 import torch
 from PIL import Image
 
-from engine.cameras import training_pinhole, undistort
 from engine.core.arrays import Mask
 from engine.core.events import never_stop
 from engine.masks import load_default_sam
 from engine.objects import DetailPhotos, MaskPrompt, Views, detail_object, erode_mask, find_objects, load_context
 from engine.objects.grounding import load_default_detector
 from engine.objects.settings import BETTER
-from engine.photos import load_pixels
 from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
 from engine.project.objects import list_objects, load_membership
 from engine.quality.evaluation import write_section
-from engine.scene import Camera, Gaussians, PinholeCamera
+from engine.scene import Gaussians, PinholeCamera
 
-from .detail import EDGE_WIDTH, MAX_SIDE, gradient_energy, rendered, share_of_needles
+from .detail import EDGE_WIDTH, gradient_energy, photo_at_own_size, rendered, share_of_needles
 from .real_sets import SETS, reconstructed, true_masks
 
 _TITLE = "Real photos"
@@ -116,6 +114,9 @@ def measured(thing: Found, picture: Path | None = None) -> Figures | None:
 
     `picture` gets the object in the scene, with detail, and in its photo.
     """
+    views = list(_views(thing))
+    if not views:
+        return None
     started = time.process_time()
     result = detail_object(thing.views, thing.photos, thing.members, BETTER, should_stop=never_stop)
     seconds = time.process_time() - started
@@ -123,25 +124,12 @@ def measured(thing: Found, picture: Path | None = None) -> Figures | None:
     trained = thing.trained()
     detailed = trained if result.detailed is None else result.detailed.gaussians
     rows, pictures = [], []
-    for camera in thing.views.cameras.cameras:
-        if camera.photo not in thing.photos.held_out:
-            continue
-        frame, photo = _own_size(camera, thing.photos)
-        where = erode_mask(thing.views.scene.share(frame, thing.members) > _MIN_SHARE, EDGE_WIDTH)
-        if where.sum() < _MIN_PIXELS:
-            continue
-        gain = np.asarray(thing.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
+    for frame, photo, where, gain in views:
         shown = [np.clip(rendered(Scene(one), frame)[2] * gain, 0, 1) for one in (trained, detailed)]
         energy = gradient_energy(photo, where)
-        rows.append(
-            [
-                *(-10 * np.log10(float(((one[where] - photo[where]) ** 2).mean())) for one in shown),
-                *(100 * gradient_energy(one, where) / energy for one in shown),
-            ]
-        )
+        errors = [-10 * np.log10(float(((one[where] - photo[where]) ** 2).mean())) for one in shown]
+        rows.append([*errors, *(100 * gradient_energy(one, where) / energy for one in shown)])
         pictures.append((int(where.sum()), [*shown, photo], where))
-    if not rows:
-        return None
     if picture is not None:
         _save(picture, *max(pictures, key=lambda one: one[0])[1:])
     before, after, soft, sharp = np.mean(rows, axis=0)
@@ -149,6 +137,16 @@ def measured(thing: Found, picture: Path | None = None) -> Figures | None:
         f"{thing.photo_set} | {thing.name}", photo.shape[1::-1], len(rows), (before, after), (soft, sharp),
         (share_of_needles(trained), share_of_needles(detailed)), (len(trained), len(detailed)), seconds,
     )  # fmt: skip
+
+
+def _views(thing: Found) -> Iterator[tuple[PinholeCamera, np.ndarray, Mask, np.ndarray]]:
+    """Yield frame, pixels, compared pixels and brightness of each test photo that shows the object."""
+    for camera in thing.views.cameras.cameras:
+        if camera.photo in thing.photos.held_out:
+            frame, photo = photo_at_own_size(camera, thing.photos)
+            where = erode_mask(thing.views.scene.share(frame, thing.members) > _MIN_SHARE, EDGE_WIDTH)
+            if where.sum() >= _MIN_PIXELS:
+                yield frame, photo, where, thing.photos.gain(camera.photo)
 
 
 def table(rows: Sequence[Figures]) -> str:
@@ -170,13 +168,6 @@ def table(rows: Sequence[Figures]) -> str:
     )
     seconds = np.mean([row.cpu_seconds for row in rows])
     return "\n".join([*lines, f"| **mean** | | | | {cells} | | | {seconds:.0f} |"])
-
-
-def _own_size(camera: Camera, photos: DetailPhotos) -> tuple[PinholeCamera, np.ndarray]:
-    """Return the frame of a photo at its own size, and its pixels in [0, 1]."""
-    frame = training_pinhole(camera, max_side=MAX_SIDE)
-    pixels = undistort(load_pixels(photos.folder / camera.photo), camera, frame, interpolation="linear")
-    return frame, np.asarray(pixels, np.float32) / 255
 
 
 def _save(file: Path, shown: Sequence[np.ndarray], where: Mask) -> None:

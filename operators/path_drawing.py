@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.language.translations import translated
+from ..gaussian_heritage_addon.project.ruler_view import MARK_COLOR
 from .view_tool import ViewTool
 
 __all__ = ["PathOperator"]
 
-_COLOR = (1.0, 0.75, 0.2, 1.0)
 _HELP = {
     "LASSO": pgettext_n("Drag around what you mean"),
     "BOX": pgettext_n("Drag from one corner of a box to the other"),
@@ -112,5 +112,5 @@ class PathOperator(ViewTool, bpy.types.Operator):
         outline = self._outline()
         shader = gpu.shader.from_builtin("UNIFORM_COLOR")
         batch = batch_for_shader(shader, "LINE_STRIP", {"pos": [*outline, outline[0]]})
-        shader.uniform_float("color", _COLOR)
+        shader.uniform_float("color", MARK_COLOR)
         batch.draw(shader)

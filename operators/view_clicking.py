@@ -11,6 +11,7 @@ from ..engine.core.arrays import Float64
 from ..engine.core.errors import HeritageError
 from ..gaussian_heritage_addon.blender.problems import sentence_of
 from ..gaussian_heritage_addon.language.translations import translated
+from ..gaussian_heritage_addon.project.ruler_view import MARK_COLOR
 from ..gaussian_heritage_addon.project.visible_splats import sight_of_viewport
 from .needing_project import is_project_open
 from .view_tool import ViewTool
@@ -19,7 +20,6 @@ __all__ = ["ViewClickOperator"]
 
 
 _MARK_SIZE = 24
-_MARK_COLOR = (1.0, 0.75, 0.2, 1.0)
 
 
 class ViewClickOperator(ViewTool, bpy.types.Operator):
@@ -89,7 +89,7 @@ class ViewClickOperator(ViewTool, bpy.types.Operator):
             return
         sight = sight_of_viewport(self.region, self.area.spaces.active.region_3d)
         blf.size(0, _MARK_SIZE)
-        blf.color(0, *_MARK_COLOR)
+        blf.color(0, *MARK_COLOR)
         for number, (x, y) in enumerate(sight.positions(np.array(self.points)), 1):
             if np.isfinite((x, y)).all():
                 blf.position(0, x + 4, y + 4, 0)

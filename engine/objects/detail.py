@@ -106,6 +106,10 @@ class DetailPhotos:
     gains: Mapping[str, Sequence[float]] = field(default_factory=dict)
     masks: Mapping[str, Path] = field(default_factory=dict)
 
+    def gain(self, photo: str) -> Float32:
+        """Return the brightness of a photo relative to the scene, [3]."""
+        return np.asarray(self.gains.get(photo, (1.0, 1.0, 1.0)), np.float32)
+
     @classmethod
     def of(cls, project: ProjectFolder) -> DetailPhotos:
         """Return the photos of a trained project.
@@ -271,7 +275,7 @@ class _Cutter:
         valid = np.ones(pixels.shape[:2], bool)
         if source_valid is not None:
             valid = undistort(source_valid.astype(np.float32), camera, part, interpolation="linear") > 1.0 - 1e-4
-        gain = np.asarray(self.photos.gains.get(camera.photo, (1.0, 1.0, 1.0)), np.float32)
+        gain = self.photos.gain(camera.photo)
         share, alpha, hidden, isolated = self._coverage(part)
         # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
         # The photo tells which.

@@ -17,9 +17,11 @@ from ..splats.sight import Sight
 from .measuring import rulers
 from .visible_splats import sight_of_viewport
 
-__all__ = ["register", "rulers_in_view", "unregister"]
+__all__ = ["MARK_COLOR", "register", "rulers_in_view", "unregister"]
 
-_LINES = (((0.0, 0.0, 0.0, 1.0), 4.0), ((1.0, 0.75, 0.2, 1.0), 2.0))
+MARK_COLOR = (1.0, 0.75, 0.2, 1.0)
+"""Of what is drawn over the splats of a view."""
+_LINES = (((0.0, 0.0, 0.0, 1.0), 4.0), (MARK_COLOR, 2.0))
 """Colour, and width in pixels, of the lines that are drawn over each other: seen on light and dark splats."""
 _TEXT_SIZE = 14
 _TEXT_OFFSET = 6
@@ -28,8 +30,10 @@ _handle: Any = None
 
 def rulers_in_view(context: bpy.types.Context, sight: Sight) -> list[tuple[str, Float64]]:
     """Return the visible rulers that are before the eye: the name of each, and its ends [2, 2] in pixels."""
-    visible, found = set(context.visible_objects), []
-    for ruler, _ in rulers(context.scene):
+    known, found = rulers(context.scene), []
+    # Asked only where there are rulers: this runs whenever a view is drawn.
+    visible = set(context.visible_objects) if known else set()
+    for ruler, _ in known:
         if ruler in visible:
             placement = drawn_matrix(ruler)
             ends = sight.positions(np.array([placement @ vertex.co for vertex in ruler.data.vertices], np.float64))
@@ -54,7 +58,7 @@ def _draw() -> None:
         shader.uniform_float("color", color)
         batch.draw(shader)
     blf.size(0, _TEXT_SIZE * scale)
-    blf.color(0, *_LINES[-1][0])
+    blf.color(0, *MARK_COLOR)
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 5, *_LINES[0][0])
     for name, ends in shown:
