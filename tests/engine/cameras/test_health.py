@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
+from benchmarks.camera_health.sources import boxes, zoomed
 from engine.cameras.colmap import pycolmap
 from engine.cameras.evidence import (
     Evidence,
@@ -338,6 +339,17 @@ def test_photos_of_one_lens_from_near_and_far_give_no_alarm(tmp_path: Path) -> N
     assert size_gap(tmp_path / "sfm" / "database.db") > SIZES_DIFFER
     assert found.health is not None and found.health.colour == "green"
     assert [camera.params[0] for camera in found.cameras] == pytest.approx([380.0] * 9, rel=0.03)
+
+
+def test_photos_whose_focal_length_is_badly_known_stay_with_those_that_show_things_in_their_size(
+    tmp_path: Path,
+) -> None:
+    boxes(84, change=zoomed(1.0, 1.0, 2.0))(tmp_path / "photos")
+    settings = CameraSettings(max_side=800, max_features=800, first_octave=0)
+    found = estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm", settings)
+    # Grouped by the focal lengths found alone, two photos had lenses of their own, and positions were wrong by 8 %.
+    focals = sorted({camera.params[0] for camera in found.cameras})
+    assert focals == pytest.approx([420.0, 840.0], rel=0.02)
 
 
 def test_mirrored_photos_are_named_and_not_placed(room: Scene, tmp_path: Path) -> None:
