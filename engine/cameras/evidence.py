@@ -122,6 +122,9 @@ class Evidence:
         Whether photos that share a lens fit clearly better with different ones.
     own_gain : float
         The error with a lens for each photo relative to that with the lenses of the model.
+    size_gap : float
+        How far apart photos that began with one lens fall into groups by the size in which they show things, see
+        `feature_scales.size_gap`; 1 for sizes that change little by little.
     n_lenses, n_groups : int
         Lenses of the model, and groups of its photos that differ in size or EXIF; 0 where unknown.
     pairs : tuple of PairFit
@@ -150,6 +153,7 @@ class Evidence:
     missing: float = 0.0
     lenses_differ: bool = False
     own_gain: float = 1.0
+    size_gap: float = 1.0
     n_lenses: int = 1
     n_groups: int = 0
     pairs: tuple[PairFit, ...] = ()

@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from .colmap import pycolmap
 from .colmap_calls import opened_database
 
-__all__ = ["balanced_scales", "feature_sizes", "relative_scales", "scale_groups"]
+__all__ = [
+    "SIZES_DIFFER",
+    "balanced_scales",
+    "feature_sizes",
+    "largest_gap",
+    "relative_scales",
+    "scale_groups",
+    "size_gap",
+]
 
 
 _MIN_MATCHES = 15
@@ -28,6 +36,10 @@ _DISTINCT = 1.1
 """Ratio of the scales of neighbouring groups from which on they are tried as lenses."""
 _MIN_GROUP = 2
 """Photos of a group."""
+SIZES_DIFFER = 1.2
+"""Ratio of the scales of neighbouring photos from which on the photos fall into groups that show things in different
+sizes. Walks with one lens have at most 1.14, with zooms of 1.6 and more 1.1 to 1.8."""
+# chosen on museum_room, room_1, room_3, room_5, room_7, banana16, herz_jesus25, sakharov_statue32, boxes 80 to 87
 
 
 def feature_sizes(keypoints: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -50,6 +62,69 @@ def relative_scales(database: Path) -> dict[int, float]:
         Values that explain the median ratios of all pairs best, by absolute differences. Photos that no pair connects
         have 0; where no link connects groups of photos, each group has a mean of 0.
     """
+    ids, pairs = _size_ratios(database)
+    return balanced_scales(ids, pairs)
+
+
+def size_gap(database: Path) -> float:
+    """Return how far apart photos that began with one lens fall into two groups by what they show in which size.
+
+    Photos of two zooms do so whatever model is made of them.
+
+    Parameters
+    ----------
+    database : Path
+        COLMAP's database with verified matches.
+
+    Returns
+    -------
+    float
+        The largest of the groups' `largest_gap`, of those photos that the pairs connect with most others.
+    """
+    ids, pairs = _size_ratios(database)
+    scales = balanced_scales(ids, pairs)
+    connected = _most_connected(ids, pairs)
+    with opened_database(database) as opened:
+        folders = {image.image_id: image.name.split("/")[0] for image in opened.read_all_images()}
+    groups: dict[str, list[float]] = {}
+    for image_id in connected:
+        groups.setdefault(folders[image_id], []).append(scales[image_id])
+    return max((largest_gap(values) for values in groups.values()), default=1.0)
+
+
+def largest_gap(scales: Sequence[float]) -> float:
+    """Return the largest ratio between neighbours of the sorted `scales`, which are logarithms.
+
+    At least two of them lie on each side of it; with fewer than four, it is 1.
+    """
+    if len(scales) < 2 * _MIN_GROUP:
+        return 1.0
+    steps = np.diff(np.sort(scales))
+    return float(np.exp(steps[_MIN_GROUP - 1 : len(steps) - _MIN_GROUP + 1].max()))
+
+
+def _most_connected(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> list[int]:
+    """Return the ids of the largest part that `pairs` connect."""
+    part = {image_id: image_id for image_id in ids}
+
+    def first_of(image_id: int) -> int:
+        while part[image_id] != image_id:
+            image_id = part[image_id]
+        return image_id
+
+    for a, b, _, _ in pairs:
+        part[first_of(b)] = first_of(a)
+    parts: dict[int, list[int]] = {}
+    for image_id in ids:
+        parts.setdefault(first_of(image_id), []).append(image_id)
+    return max(parts.values(), key=len, default=[])
+
+
+def _size_ratios(database: Path) -> tuple[list[int], list[tuple[int, int, int, float]]]:
+    """Return the image ids, and of each verified pair both ids, its matches and how much larger they are in the second.
+
+    The ratio is a logarithm.
+    """
     pairs: list[tuple[int, int, int, float]] = []
     with opened_database(database) as opened:
         ids = sorted(image.image_id for image in opened.read_all_images())
@@ -62,7 +137,7 @@ def relative_scales(database: Path) -> dict[int, float]:
             rows = np.asarray(opened.read_two_view_geometry(a, b).inlier_matches)
             ratio = float(np.median(np.log(sizes[b][rows[:, 1]] / sizes[a][rows[:, 0]])))
             pairs.append((a, b, count, ratio))
-    return balanced_scales(ids, pairs)
+    return ids, pairs
 
 
 def balanced_scales(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> dict[int, float]:

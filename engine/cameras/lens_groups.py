@@ -7,6 +7,7 @@ with a reprojection error below a pixel. See docs/design_notes/cameras.md.
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
-from .feature_scales import relative_scales, scale_groups
+from .feature_scales import SIZES_DIFFER, relative_scales, scale_groups, size_gap
 from .features import SfmWorkspace
 from .lens_trials import LensTrial, capped_error, tried_lenses
 
@@ -35,6 +36,8 @@ _FEW_PLACED = 0.8
 _WIDTHS = (1.25, 1.12, _DIFFERENT_FOCAL)
 """Factors within which focal lengths make a group, one after the other until the photos of each agree. Those of a lens
 per photo scatter, and in a group with others even a badly known one is found."""
+_COUNTS = (2, 3)
+"""Groups that photos are cut into by the sizes of features."""
 _BETTER = 0.95
 """Error of the model with other groups, relative to the first, from which down it is taken."""
 
@@ -60,9 +63,11 @@ def map_with_lenses(
     Notes
     -----
     After the first model each photo gets its own focal length. If the error falls by a tenth or more and focal lengths
-    of one group differ by 6 %, or if a fifth of the photos could not be placed, other groups are tried: two and three
-    groups by the sizes of common features, then a lens for each photo, grouped by the focal lengths found, coarsely
-    first. A result is taken when it places as many photos with a smaller error, or more photos.
+    of one group differ by 6 %, if a fifth of the photos could not be placed, or if the photos fall into groups that
+    show things in different sizes, other groups are tried: two and three groups by the sizes of common features, then a
+    lens for each photo, grouped by sizes where these fall apart, and by the focal lengths found, coarsely first. A
+    result is taken when it places as many photos with an error that is smaller by a twentieth, or more photos. Where
+    sizes of features and focal lengths found both say that photos were zoomed, a smaller error is enough.
     """
     first_lenses = _first_lenses(workspace)
     assign_lenses(workspace, first_lenses)
@@ -72,7 +77,8 @@ def map_with_lenses(
         return models
     own = tried_lenses(largest, should_stop=should_stop)
     differ = lenses_differ(largest, own)
-    if not _is_doubtful(workspace, largest, differ):
+    several_sizes = size_gap(workspace.database) >= SIZES_DIFFER
+    if not (_is_doubtful(workspace, largest, differ) or several_sizes):
         return models
     scales = relative_scales(workspace.database)
 
@@ -83,11 +89,13 @@ def map_with_lenses(
         return map_all()
 
     best = models
-    for count in (2, 3):
+    for count in _COUNTS:
         groups = _by_scale(first_lenses, scales, count)
         found = mapped(groups) if groups else []
         model = _largest(found)
-        if model is None or not _is_better(model, largest):
+        if model is None or not (
+            _is_better(model, largest) or (several_sizes and _has_zooms(model) and _is_better(model, largest, 1.0))
+        ):
             continue
         best, largest = found, model
         own = tried_lenses(model, should_stop=should_stop)
@@ -102,8 +110,12 @@ def map_with_lenses(
     first = largest
     lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
     group_of = {image_id: number for number, (_, ids) in enumerate(first_lenses) for image_id in ids}
-    for width in _WIDTHS:
-        found = mapped(group_by_focal(lenses, group_of, width))
+    attempts = [(group_of, width) for width in _WIDTHS]
+    if several_sizes:
+        # A badly known focal length does not take a photo out of the group that sizes show.
+        attempts = [*((of_size, math.inf) for of_size in _size_groups(first_lenses, scales) if of_size), *attempts]
+    for numbers, width in attempts:
+        found = mapped(group_by_focal(lenses, numbers, width))
         model = _largest(found)
         if model is None or not _is_better(model, largest):
             continue
@@ -119,6 +131,20 @@ def map_with_lenses(
 
 def _is_doubtful(workspace: SfmWorkspace, model: pycolmap.Reconstruction, differ: bool) -> bool:
     return differ or model.num_reg_images() < _FEW_PLACED * len(workspace.copies)
+
+
+def _size_groups(first_lenses: Sequence[Group], scales: dict[int, float]) -> list[dict[int, int]]:
+    """Return the group of each photo by image id, cut into two and into three by sizes; empty where that cuts none."""
+    return [
+        {image_id: number for number, (_, ids) in enumerate(_by_scale(first_lenses, scales, count)) for image_id in ids}
+        for count in _COUNTS
+    ]
+
+
+def _has_zooms(model: pycolmap.Reconstruction) -> bool:
+    """Return whether the focal lengths of `model` differ as zooms do."""
+    focals = [model.camera(model.image(i).camera_id).mean_focal_length() for i in model.reg_image_ids()]
+    return max(focals) >= SIZES_DIFFER * min(focals)
 
 
 def _scaled(lens: pycolmap.Camera, scale: float) -> pycolmap.Camera:

@@ -16,6 +16,7 @@ from ..scene import CameraHealth, CameraSet, PhotoSet
 from .colmap import pycolmap
 from .colmap_calls import wait_for
 from .evidence import Evidence, PairFit, fit_of_pairs, measure_model, panorama_gain, strong_links, turned_share
+from .feature_scales import size_gap
 from .features import SfmWorkspace, match_features
 from .health import TURNED, judge, refuted_images
 from .lens_groups import map_with_lenses
@@ -237,6 +238,7 @@ def _check(
         turned=turned_share(workspace.database),
         panorama_gain=panorama_gain(workspace.database, lenses),
         n_groups=len({model.image(image_id).name.split("/")[0] for image_id in model.reg_image_ids()}),
+        size_gap=size_gap(workspace.database),
         links=strong_links(model, workspace.database),
         other_models=tuple(tuple(sorted(set(_photo_names(workspace, other)) - kept)) for other in models),
         mirrored=(mirrored := _mirrored(workspace, should_stop)),

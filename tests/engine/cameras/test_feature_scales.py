@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.cameras.feature_scales import balanced_scales, scale_groups
+from engine.cameras.feature_scales import SIZES_DIFFER, balanced_scales, largest_gap, scale_groups
 
 
 def ratios_of(scales: list[float], *, noise: float = 0.02) -> list[tuple[int, int, int, float]]:
@@ -47,3 +47,15 @@ def test_photos_of_three_zooms_make_three_groups() -> None:
 def test_photos_of_nearly_one_scale_and_few_photos_make_no_groups() -> None:
     assert scale_groups({i: 0.03 * (i % 3) for i in range(12)}, 2) == []
     assert scale_groups({0: 0.0, 1: 0.5, 2: 1.0}, 2) == []
+
+
+def test_photos_of_two_zooms_fall_apart_and_those_of_a_walk_do_not() -> None:
+    zoomed = [(0.45 if i % 2 else 0.0) + 0.05 * np.sin(i) for i in range(12)]
+    assert largest_gap(zoomed) == pytest.approx(np.exp(0.36), rel=0.02)
+    # A walk from far to near changes sizes by a factor of 2, little by little.
+    assert largest_gap(list(np.linspace(0.0, np.log(2.0), 12))) < 1.1 < SIZES_DIFFER
+
+
+def test_one_photo_from_near_and_three_photos_are_no_groups() -> None:
+    assert largest_gap([0.0, 0.02, 0.05, 0.08, 0.9]) < 1.05
+    assert largest_gap([0.0, 0.5, 1.0]) == 1.0

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
+from benchmarks.camera_health.sources import boxes, zoomed
 from engine.cameras.colmap import pycolmap
 from engine.cameras.evidence import (
     Evidence,
@@ -22,7 +23,7 @@ from engine.cameras.evidence import (
     missing_share,
     strongest_pairs,
 )
-from engine.cameras.feature_scales import relative_scales
+from engine.cameras.feature_scales import SIZES_DIFFER, relative_scales, size_gap
 from engine.cameras.given_check import check_given_cameras
 from engine.cameras.health import judge, refuted_images
 from engine.cameras.lens_groups import group_by_focal, lenses_differ
@@ -273,6 +274,24 @@ def test_weak_mirrored_links_of_a_symmetric_building_do_not_count_against_strong
         ),
         ("stretched", "red", {"lenses_differ": True, "own_gain": 0.8, "error": 0.7, "aspect": 0.2, "aspect_gain": 0.6}),
         ("stretched", "red", {"aspect": 0.12, "aspect_gain": 0.93, "common_aspect": 0.1}),
+        # A bent model of equal walls fits a little better when it is stretched, but lacks what stands around them.
+        ("repeated", "red", {"aspect": 0.113, "aspect_gain": 0.947, "common_aspect": 0.111, "missing": 0.25}),
+        # Sizes of features show zooms before any model: then other freedoms of the lens explain nothing.
+        ("several_lenses", "red", {"size_gap": 1.5, "aspect": 0.04, "aspect_gain": 0.87, "shift_gain": 0.9}),
+        ("several_lenses", "yellow", {"size_gap": 1.7, "n_placed": 14}),
+        (
+            "several_lenses",
+            "yellow",
+            {
+                "size_gap": 1.4,
+                "n_placed": 5,
+                "n_lenses": 2,
+                "n_groups": 1,
+                "links": 1,
+                "other_models": (("a.jpg", "b.jpg", "c.jpg", "d.jpg"),),
+            },
+        ),
+        ("fisheye", "red", {"size_gap": 1.5, "fisheye_gain": 0.4}),
         ("one_place", "red", {"angle": 0.8}),
         ("few_placed", "yellow", {"n_placed": 7}),
         ("weak_tracks", "yellow", {"seen_by_three": 0.1}),
@@ -306,6 +325,31 @@ def test_zoomed_photos_without_exif_get_their_own_lens(tmp_path: Path) -> None:
     # The sizes of features alone showed it: the database has the photos in the order of their names.
     scales = relative_scales(tmp_path / "sfm" / "database.db")
     assert min(scales[i + 1] for i in (1, 3, 6, 8)) > max(scales[i + 1] for i in (0, 2, 4, 5, 7)) + 0.3
+    assert size_gap(tmp_path / "sfm" / "database.db") > SIZES_DIFFER
+
+
+def test_photos_of_one_lens_from_near_and_far_give_no_alarm(tmp_path: Path) -> None:
+    target = np.array([1.4, 1.4, 0.5])
+    cameras = tuple(
+        dataclasses.replace(one, viewmat=looking_at(target + 0.6 * (one.center - target), target)) if i % 2 else one
+        for i, one in enumerate(room_cameras(9))
+    )
+    found = estimate_cameras(make_scene(tmp_path / "photos", cameras).photo_set, tmp_path / "sfm", QUICK)
+    # Sizes of features alone look like zooms.
+    assert size_gap(tmp_path / "sfm" / "database.db") > SIZES_DIFFER
+    assert found.health is not None and found.health.colour == "green"
+    assert [camera.params[0] for camera in found.cameras] == pytest.approx([380.0] * 9, rel=0.03)
+
+
+def test_photos_whose_focal_length_is_badly_known_stay_with_those_that_show_things_in_their_size(
+    tmp_path: Path,
+) -> None:
+    boxes(84, change=zoomed(1.0, 1.0, 2.0))(tmp_path / "photos")
+    settings = CameraSettings(max_side=800, max_features=800, first_octave=0)
+    found = estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm", settings)
+    # Grouped by the focal lengths found alone, two photos had lenses of their own, and positions were wrong by 8 %.
+    focals = sorted({camera.params[0] for camera in found.cameras})
+    assert focals == pytest.approx([420.0, 840.0], rel=0.02)
 
 
 def test_mirrored_photos_are_named_and_not_placed(room: Scene, tmp_path: Path) -> None:
