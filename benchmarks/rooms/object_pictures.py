@@ -6,7 +6,6 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -59,12 +58,12 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
         raise ProjectError(f"The room has no {name!r} in two photos, only: {', '.join(masks.objects)}.")
     first, second = sorted(shown, key=lambda photo: -int(shown[photo].sum()))[:2]
     view, other = context.views.of(cameras[first]), context.views.of(cameras[second])
-    evidence = MaskEvidence(view, view.from_photo(shown[first]), 1.0, given=True)
+    evidence = MaskEvidence(view, view.from_photo(shown[first]), 1.0)
     votes = count_votes(context.views, evidence, context.graph.pixels)
     share = votes.inside / np.maximum(votes.inside + votes.outside, 1e-6)
     seen = (votes.inside + votes.outside > 0.5).astype(np.float32)
     membership = isolate_object(context, [evidence]).membership
-    levels = isolate_object(context, [replace(evidence, given=False)]).levels
+    levels = isolate_object(context, [evidence]).levels
     groups = [one.members for one in find_everything(context)]
     _write(out / "objects_evidence.jpg", [_photo(context, view), _tinted(_photo(context, view), evidence.mask)])
     _write(out / "objects_votes.jpg", [_blended(context, one, share * seen) for one in (view, other)])

@@ -62,7 +62,7 @@ def find_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: Segment
     camera = camera_of_prompt(prompt, context.views.cameras)
     view = context.views.of(camera)
     if isinstance(prompt, MaskPrompt):
-        evidence = MaskEvidence(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0, given=True)
+        evidence = MaskEvidence(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0)
     else:
         corners = np.array([[prompt.x0, prompt.y0], [prompt.x1, prompt.y1]])
         x0, y0, x1, y1 = np.clip(corners, 0, [camera.width, camera.height]).ravel().tolist()

@@ -30,8 +30,8 @@ BELOW_THRESHOLD = np.nextafter(np.float32(DEFAULT_THRESHOLD), np.float32(0))
 MAX_COMMON = 0.5
 """Share of the smaller of two sets of Gaussians up to which both may be objects: more shows the same."""
 
-_FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)
-"""Strictness of each level relative to the settings, from part to whole."""
+_FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2, -3, -4], np.float32)
+"""Strictness of each level relative to the settings, from part to whole. The level at 1 is the object."""
 
 _ALONE = np.ones(1, np.float32)
 """Strictness of the object alone, relative to the settings."""
@@ -104,7 +104,7 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     """Return the object that all of the evidence shows together.
 
     It comes with clearly smaller and larger versions: the membership falls as the strictness rises, so that each level
-    contains those of higher strictness. A mask that the user drew is the whole object and has no versions.
+    contains those of higher strictness.
 
     Parameters
     ----------
@@ -121,11 +121,11 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     """
     context.check_stop()
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
-    factors = _ALONE if shown[0].given else _FACTORS
     removed = _union(context, evidence, _ALONE, excluded=True)
-    solved = np.minimum(_union(context, evidence, factors, excluded=False), 1 - removed)
+    solved = np.minimum(_union(context, evidence, _FACTORS, excluded=False), 1 - removed)
     # Rounding must not let a level leave the next one.
-    levels = _distinct(np.maximum.accumulate([bounded(one, context.means) for one in solved]), context.views)
+    nested = np.maximum.accumulate([bounded(one, context.means) for one in solved])
+    levels = _distinct(nested, context.views, _FACTORS.tolist().index(1))
     found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
     if not found.members.any():
         raise PromptError(NONE_BEHIND if len(shown) == len(evidence) else NONE_LEFT)
@@ -163,13 +163,12 @@ def _union(
     return highest
 
 
-def _distinct(memberships: Float32, views: Views) -> Levels:
-    """Return the levels that differ from those nearer to the middle one, the object, at most one `length_unit` long."""
-    middle = len(memberships) // 2
-    kept = [middle]
-    for number in sorted(range(len(memberships)), key=lambda number: abs(number - middle)):
+def _distinct(memberships: Float32, views: Views, itself: int) -> Levels:
+    """Return the levels that differ from those nearer to the object, number `itself`, at most a `length_unit` long."""
+    kept = [itself]
+    for number in sorted(range(len(memberships)), key=lambda number: abs(number - itself)):
         members = memberships[number] >= DEFAULT_THRESHOLD
         same = any(mask_iou(members, memberships[other] >= DEFAULT_THRESHOLD) > SAME_IOU for other in kept)
         if members.any() and not same and views.extent(members) <= 1:
             kept.append(number)
-    return Levels(tuple(memberships[number] for number in sorted(kept)), sorted(kept).index(middle))
+    return Levels(tuple(memberships[number] for number in sorted(kept)), sorted(kept).index(itself))

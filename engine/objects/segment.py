@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import expit
@@ -15,15 +16,14 @@ from ..scene import Camera, PinholeCamera
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, require_known
 from .graph import bounded
-from .lifting import FoundObject, Levels, is_same, isolate_object
+from .lifting import FoundObject, is_same, isolate_object
 from .looks import load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, apart
-from .settings import DEFAULT_THRESHOLD, SURE_SCORE, PaperSettings
+from .settings import SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
-from .votes import votes_of_known
 
 __all__ = ["NoMatchError", "find_everything", "find_objects", "mask_at"]
 
@@ -173,17 +173,23 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     Cancelled
         When the user stops.
     """
-    graph, looks = context.graph, load_or_build_looks(context)
+    looks = load_or_build_looks(context.part(0, 2))
+    context = context.part(1, 2)
     chosen = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
-    members, names = looks.members[chosen].T, looks.names(chosen, context)
-    solved = graph.memberships(votes_of_known(members, graph.pixels[:, None]), context.settings.strictness)
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
-    # What stands on something larger keeps its Gaussians.
-    for k in np.argsort(members.sum(axis=0), kind="stable"):
-        membership = bounded(np.where(taken, np.float32(0), solved[k]), context.means)
-        taken |= membership >= DEFAULT_THRESHOLD
-        name, score = names[k] if names[k][1] >= _MIN_NAME_SCORE else ("", 0.0)
-        if (membership >= DEFAULT_THRESHOLD).any():
-            objects.append(FoundObject(Levels((membership,)), score, name=name))
+    # Where two reach into each other, the likelier object keeps its Gaussians.
+    for done, (number, name) in enumerate(zip(chosen, looks.names(chosen, context), strict=True), start=1):
+        try:
+            found = isolate_object(context, [looks.evidence(number, 1.0, context)])
+        except PromptError:  # all of it is drawn to what surrounds it
+            continue
+        free = (np.where(taken, np.float32(0), one) for one in found.levels.memberships)
+        levels = replace(found.levels, memberships=tuple(bounded(one, context.means) for one in free))
+        suggested, score = name if name[1] >= _MIN_NAME_SCORE else ("", 0.0)
+        object_ = FoundObject(levels, score, name=suggested)
+        if object_.members.any():
+            objects.append(object_)
+            taken |= object_.members
+        context.tell(done / len(chosen), "Isolating")
     return sorted(objects, key=lambda item: -item.score)

@@ -235,7 +235,7 @@ class Segmenter:
         started = time.perf_counter()
         candidate = load_candidate(self.project.path, number)
         (shown,) = find_evidence(MaskPrompt(candidate.photo, candidate.mask), self.context)
-        found = isolate_object(self.context, [replace(shown, score=candidate.score, given=False)])
+        found = isolate_object(self.context, [replace(shown, score=candidate.score)])
         asked = describe_prompt(TextPrompt(candidate.text))
         asked |= {"detector": self.context.detector.name, "accepted": True}
         return self._store(self.context.part(1, 2), [found], asked, name or candidate.text, started)

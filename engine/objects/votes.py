@@ -23,8 +23,6 @@ class MaskEvidence:
         In the frame of the view. All other pixels of the photo show something else.
     score : float
         0 to 1: the detector's for a text, SAM's estimate of its IoU for a click or a box, 1 for a given mask.
-    given : bool
-        The user drew the mask, and it shows the whole object.
     excluded : bool
         The mask shows what is not part of the object.
     members : array of shape [N], bool, or None
@@ -35,7 +33,6 @@ class MaskEvidence:
     view: View
     mask: Mask
     score: float
-    given: bool = False
     excluded: bool = False
     members: Mask | None = None
 

@@ -26,8 +26,7 @@ _RIGHT = " | ".join(["---:"] * 9)
 _PROMPTS: dict[PromptKind, str] = {
     "mask": (
         "The prompt for every object is its true mask in one photo, which is not compared for that object: the one "
-        "that shows it largest and whole, among those not compared if any shows it. A given mask has no levels: "
-        "figures by mask do not measure them."
+        "that shows it largest and whole, among those not compared if any shows it."
     ),
     "click": (
         "The prompt for every object is a click in the middle of its true mask in one photo, which is not compared for "

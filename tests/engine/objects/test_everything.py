@@ -10,6 +10,7 @@ from engine.core.errors import Cancelled
 from engine.core.events import Event, Progress
 from engine.objects.context import SegmentationContext
 from engine.objects.lifting import FoundObject
+from engine.objects.looks import Looks, build_looks
 from engine.objects.segment import find_everything
 from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
@@ -46,6 +47,36 @@ def test_every_object_is_found_once_and_the_floor_is_not(blobs: BlobScene, tmp_p
     assert np.sum([one.members for one in found], axis=0).max() == 1, "a Gaussian belongs to one object at most"
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
     assert fractions == sorted(fractions)
+
+
+def test_what_was_found_without_a_prompt_has_levels_from_part_to_whole(blobs: BlobScene, tmp_path: Path) -> None:
+    _, context = look(blobs, tmp_path)
+    made, half = build_looks(context), (blobs.part == BLUE) & (blobs.gaussians.means[:, 0] < 0)
+    number = np.zeros(1, np.int32)
+    sighting = (number, made.photo[:1], made.box[:1], made.described[:1])
+    context.kept["looks"] = Looks(half[None], np.ones(1, np.float32), number, *sighting)
+    (found,) = everything(context)
+    first, *_, last = (level >= 0.5 for level in found.levels.memberships)
+    assert overlap(first, half) > 0.9 and overlap(last, blobs.part == BLUE) > 0.9
+
+
+def test_of_two_that_reach_into_each_other_the_likelier_keeps_its_gaussians(blobs: BlobScene, tmp_path: Path) -> None:
+    _, context = look(blobs, tmp_path)
+    made = build_looks(context)
+    ball, twin = (blobs.part == part for part in (RED, TWIN))
+    reaching = twin | (ball & (np.cumsum(ball) <= 0.3 * ball.sum()))
+    sizes, numbers = (ball.sum(), reaching.sum()), np.arange(2, dtype=np.int32)
+    assert sizes[0] < sizes[1]
+    for likelier in (0, 1):
+        odds = np.array([3 - 2 * likelier, 1 + 2 * likelier], np.float32)
+        sightings = (numbers, made.photo[:1] * 2, made.box[[0, 0]], made.described[[0, 0]])
+        context.kept["looks"] = Looks(np.stack([ball, reaching]), odds, numbers, *sightings)
+        found = everything(context)
+        in_ball, in_twin = (max(found, key=lambda one: int((one.members & part).sum())) for part in (ball, twin))
+        assert in_ball is not in_twin
+        assert not (in_ball.members & in_twin.members).any()
+        whole = overlap(in_ball.members, ball)
+        assert whole > 0.95 if likelier == 0 else whole < 0.95
 
 
 def test_what_does_not_look_whole_is_no_object(blobs: BlobScene, tmp_path: Path) -> None:

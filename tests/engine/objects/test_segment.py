@@ -250,7 +250,7 @@ def test_what_photos_take_for_a_part_of_the_object_but_nothing_connects_with_it_
     K = whole.K - np.array([[0, 0, columns[0]], [0, 0, rows[0]], [0, 0, 0]])
     view = views.from_anywhere(PinholeCamera(whole.viewmat, K, int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1))
     mask = shown[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    evidence = MaskEvidence(view, view.from_photo(mask), 1.0, given=True)
+    evidence = MaskEvidence(view, view.from_photo(mask), 1.0)
     graph, votes = context.graph, count_votes(views, evidence, context.graph.pixels)
     solved = graph.solve(Votes(votes.inside[:, None], votes.outside[:, None]), SMALL_BETTER.strictness)[:, 0] >= 0.5
     assert solved[blobs.part == TWIN].mean() > 0.5, "the solve alone takes the other ball, too"
