@@ -24,7 +24,7 @@ from ..project.open_projects import is_open_elsewhere
 from ..splats.properties import HeritageScene, project_of
 from . import by_hand_panel, display_panel, objects_panel
 from .job_box import draw_curve, draw_job
-from .set_up_box import draw_set_up
+from .set_up_box import SET_UP_KINDS, draw_set_up
 
 __all__ = ["CLASSES"]
 
@@ -104,7 +104,8 @@ def _problems(scene: bpy.types.Scene) -> list[str]:
     """Return what is wrong, apart from stopped jobs."""
     found = [job_runner.problem(), problems.shown()]
     current = job_runner.current()
-    if current is not None and current[0].kind not in PROJECT_KINDS and current[1].error not in found:
+    told_elsewhere = (*PROJECT_KINDS, *SET_UP_KINDS)
+    if current is not None and current[0].kind not in told_elsewhere and current[1].error not in found:
         found.append(current[1].error)
     return [problem for problem in found if problem]
 
