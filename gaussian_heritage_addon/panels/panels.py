@@ -65,7 +65,7 @@ def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     current, waiting = job_runner.current(), job_runner.waiting()
     row = layout.row(align=True)
     if current is not None and current[1].running:
-        row.progress(factor=current[1].fraction, text=_running_text(current[1]))
+        row.progress(factor=current[1].fraction, text=_running_text(*current))
         row.operator("heritage.cancel_job", text="", icon="CANCEL")
         return
     stopped = job_runner.stopped(scene)
@@ -89,9 +89,12 @@ def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         row.label(text="Done", icon="CHECKMARK")
 
 
-def _running_text(state: JobState) -> str:
-    # Both have no room in a sidebar of the usual width; the panel Progress has the stage.
-    return f"{state.fraction:.0%}   {_waiting_text()}" if job_runner.waiting() else state.progress_line()
+def _running_text(job: Job, state: JobState) -> str:
+    if job_runner.waiting():
+        # Both have no room in a sidebar of the usual width; the panel Progress has the stage.
+        return f"{state.fraction:.0%}   {_waiting_text()}"
+    # The engine needs seconds until it begins with a stage.
+    return state.progress_line() if state.stage else job_name(job.kind, Path(job.subject), job.command)
 
 
 def _waiting_text() -> str:
