@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 from window_by_hand import frame_object, invoke
 from window_driver import PACKAGE, Window
 
@@ -52,6 +53,7 @@ def select_objects(window: Window) -> None:
     window.check("Alt+H opens it again", f"not {obj}.heritage.hidden and {obj}.visible_get()")
     window.python(f"{ROW} = bpy.data.objects.find({name!r})")
     _look_in_edit_mode(window, (x, y), height, obj)
+    _rename(window, name, obj)
     window.python(f"{ROW} = bpy.data.objects.find({name!r}); bpy.context.scene.heritage.show = 'SCENE'")
     time.sleep(3)
     window.settle()
@@ -76,6 +78,18 @@ def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float
     window.shot("edit_mode")
     window.keys("Tab")
     window.check("Tab leaves Edit Mode", f"{obj}.mode == 'OBJECT'")
+
+
+def _rename(window: Window, name: str, obj: str) -> None:
+    """Give the active object a name by F2, and undo it: its collection follows both times."""
+    window.run("move", *map(round, window.region("VIEW_3D", "WINDOW")[:2] + np.array((500, 500))))
+    window.keys("F2")
+    window.run("type", "Krug")
+    window.settle()
+    names = "{o.name for o in bpy.data.objects} & {c.name for c in bpy.data.collections}"
+    window.check("a new name is that of the object and of its collection", f"'Krug' in {names}")
+    window.keys("ctrl+z")
+    window.check("Ctrl+Z gives both their name back", f"{name!r} in {names} and {obj}.select_get()")
 
 
 def _rows(obj: str) -> str:

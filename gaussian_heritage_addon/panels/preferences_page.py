@@ -117,7 +117,7 @@ class HeritagePreferences(bpy.types.AddonPreferences):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the preferences."""
         layout = self.layout
-        is_offered = draw_set_up(layout.box(), in_preferences=True)
+        is_offered = draw_set_up(layout.column(), in_preferences=True)
         column = layout.column()
         column.prop(self, "offline_bundle")
         column.prop(self, "base_python")

@@ -237,6 +237,8 @@ def test_models_that_came_with_the_set_up_are_not_offered_for_download(
     engine.python.parent.mkdir(parents=True)
     engine.python.touch()
     engine.finish("3.11", "cpu")
+    # No empty box in place of what leads to an engine.
+    assert "box" not in drawn_preferences(installed).calls[:2]
     assert (
         drawn_preferences(installed).texts.count("Fetch ...") == sum(model.optional for model in models) < len(models)
     )
