@@ -202,6 +202,11 @@ class HERITAGE_PT_progress(bpy.types.Panel):
 def _draw_stopped(box: bpy.types.UILayout, number: int, job: Job, state: JobState) -> None:
     box.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
     draw_text(box, state.error)
+    if state.error_type == "ModelFileError":
+        # The engine names its command line.
+        draw_text(
+            box, "In Blender: Repair Engine, or Fetch beside the model, in Preferences > Add-ons > Gaussian Heritage."
+        )
     row = box.row(align=True)
     row.operator("heritage.continue_job", text="Continue", icon="PLAY").number = number
     row.operator("heritage.leave_job", text="Leave").number = number

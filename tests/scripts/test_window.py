@@ -1,7 +1,9 @@
-"""The script of the window test: windows that share a root."""
+"""The window test: windows that share a root, and the time of the add-on apart from that of Blender's own tools."""
 
 from __future__ import annotations
 
+import importlib
+import json
 import os
 import subprocess
 import sys
@@ -47,3 +49,19 @@ def test_second_window_on_a_root_goes_on_when_the_first_one_ends(tmp_path: Path)
     assert (tmp_path / "one/home/pressed").read_text() == "key a\n"
     assert (tmp_path / "two/home/pressed").read_text() == "key b\n"
     assert not [line for line in Path("/proc/mounts").read_text().splitlines() if str(tmp_path) in line]
+
+
+def test_seconds_of_blenders_own_tools_are_told_and_not_held_against_the_add_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    module = importlib.import_module("window_report")
+    calls = [
+        {"name": "ViewTool.modal", "seconds": 1.0, "cpu": 0.37, "blender": 0.35},
+        {"name": "ViewTool.modal", "seconds": 0.1, "cpu": 0.09, "blender": 0.0},
+        {"name": "_poll", "seconds": 0.2, "cpu": 0.15, "blender": 0.0},
+    ]
+    (tmp_path / "calls.jsonl").write_text("".join(f"{json.dumps(call)}\n" for call in calls))
+    text = module.report(tmp_path, 50.0)
+    assert "| `ViewTool.modal` | 0.370 | 0.090 | 1.000 |" in text
+    assert module.calls_above_goals(tmp_path) == ["`_poll` took 0.15 CPU s of its own, more than 0.1 s"]
