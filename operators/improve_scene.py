@@ -91,12 +91,15 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
 
 def _consequences(project: Path, preset: str, seconds: dict[str, float] | None) -> list[str]:
     """Return what happens, a sentence each. The time is not known yet where `seconds` is None."""
+    objects, texts = shown_objects(project), texts_of_objects(project)
     lines = [translated("The scene is trained again with the preset {}; cameras and masks are kept.", preset)]
     if seconds is None:
         lines.append(translated("Working out how long this takes ..."))
+    elif preset in seconds and texts:
+        minutes = format_seconds(seconds[preset])
+        lines.append(translated("About {} on this computer, without the search for objects.", minutes))
     elif preset in seconds:
         lines.append(translated("About {} on this computer.", format_seconds(seconds[preset])))
-    objects, texts = shown_objects(project), texts_of_objects(project)
     if objects:
         lines.append(
             translated(

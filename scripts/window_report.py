@@ -45,8 +45,8 @@ def report(work: Path, set_up_seconds: float) -> str:
     ]
     lines += [
         "",
-        "`ViewTool.modal` calls Blender's own *Select Box* and *Select Lasso*, which compile Blender's shaders when they "
-        "are used first. They are left out of its own seconds.",
+        "`ViewTool.modal` calls Blender's own *Select Box* and *Select Lasso*, which compile its shaders when they are "
+        "used first. They are left out of its own seconds.",
         "",
         f"Above the goals: {'; '.join(calls_above_goals(work)) or 'none'}.",
         "",

@@ -117,6 +117,22 @@ def change_tools(window: Window) -> None:
         window.fail("clicks after Escape measure something")
 
 
+def say_time_of_improving(window: Window) -> None:
+    """Open the dialog of *Improve* as in a new session, and wait until it says how long the training takes."""
+    times, dialog = _module("jobs.preset_times"), _module("blender.open_dialog")
+    drawn = f"open({str(window.work / 'calls.jsonl')!r}).read().count('improve_scene.draw')"
+    window.python(f"{times}.stop(); {times}._known.clear()")
+    invoke(window, "improve_scene", preset="standard")
+    window.wait_for(f"{dialog}._region is not None", 30)
+    before = int(window.python(f"print({drawn})"))
+    window.wait_for(f"{times}._known", 300)
+    window.wait_for(f"{drawn} > {before}", 10)
+    window.shot("improve")
+    print("  the dialog is drawn again when the time is known", flush=True)
+    window.keys("Escape")
+    window.check("the closed dialog is forgotten", f"{dialog}._region is None")
+
+
 def continue_jobs(window: Window) -> None:
     """Start two jobs, stop both, and continue the first."""
     runner = _module("jobs.job_runner")

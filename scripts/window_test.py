@@ -24,7 +24,7 @@ from window_driver import PACKAGE, Failed, Window
 from window_drops import drop_files
 from window_render import move_project, render_as_shown
 from window_report import report
-from window_selection import change_tools, continue_jobs, select_objects
+from window_selection import change_tools, continue_jobs, say_time_of_improving, select_objects
 
 PICTURES = ROOT / "docs" / "pictures" / "window"
 PARTS = {
@@ -371,6 +371,7 @@ def main() -> int:
         ("measure", lambda: measure_scene(window)),
         ("drop files", lambda: drop_files(window, work / "photos_heritage" / "gaussians" / "scene.ply", *dropped)),
         ("export", lambda: export(window)),
+        ("improve", lambda: say_time_of_improving(window)),
         ("survive a crash", lambda: survive_a_crash(window)),
         ("continue jobs", lambda: continue_jobs(window)),
         ("move the project", lambda: move_project(window)),

@@ -158,7 +158,14 @@ def test_dialog_says_what_becomes_of_the_objects(opened: Any, part: Part) -> Non
     write_object(opened.folder, "vase", "Meissen", MEMBERSHIP, prompt={"kind": "text", "text": "vase"})
     write_object(opened.folder, "cup", "Cup", MEMBERSHIP, prompt={"kind": "click", "photo": "a.jpg"})
     lines = " ".join(part("operators.improve_scene")._consequences(opened.folder, "standard", {"standard": 240.0}))
-    for words in ("2 objects", "trash", "Searched for again by their words: vase.", "About 4 min", "clicked"):
+    for words in (
+        "2 objects",
+        "trash",
+        "Searched for again by their words: vase.",
+        "About 4 min",
+        "without the search",
+        "clicked",
+    ):
         assert words in lines, words
 
 
