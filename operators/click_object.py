@@ -60,8 +60,6 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
         self._clicks, self._directions = ClickSession(), dict[Click, tuple[float, float]]()
         if self._viewport.photo_problem:
             self.report({"WARNING"}, self._viewport.photo_problem)
-            # In place of the photo there must be something to click on.
-            context.scene.heritage.show = "SCENE"
         object_id = target.heritage.object_id if self.refine and target is not None else ""
         self._masks = ClickMasks(self._viewport, object_id, self._masks_changed)
         answer = self.begin(context)
