@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import defaultdict
 from pathlib import Path
 
@@ -36,7 +37,8 @@ def report(work: Path, set_up_seconds: float) -> str:
     gaps = sorted((entry["seconds"] for entry in read_log(work, "gaps")), reverse=True)
     lines = [
         "```\nmake window-test\n```", "",
-        f"Set-up from the offline bundle: {set_up_seconds:.0f} s, by three presses: install, set up, confirm.", "",
+        f"Set-up from the offline bundle: {set_up_seconds:.0f} s, by three presses: install, set up, confirm. {_load()}",
+        "",
         "| longest calls of the add-on | CPU seconds | of these its own | seconds |", "| --- | ---: | ---: | ---: |",
     ]  # fmt: skip
     lines += [
@@ -54,6 +56,13 @@ def report(work: Path, set_up_seconds: float) -> str:
         "Blender's own redraws of the scene in software OpenGL, and the compilation of its shaders.",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+def _load() -> str:
+    """Return how busy the computer is, as a sentence: seconds besides CPU seconds depend on it."""
+    if not hasattr(os, "getloadavg"):  # Windows
+        return ""
+    return f"The computer's load was {os.getloadavg()[0]:.0f} on {os.cpu_count()} cores."
 
 
 def calls_above_goals(work: Path) -> list[str]:
