@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections import defaultdict
 from pathlib import Path
 
@@ -32,13 +31,13 @@ def longest_calls(work: Path) -> dict[str, tuple[float, float, float]]:
     return dict(sorted(longest.items(), key=lambda item: item[1], reverse=True))
 
 
-def report(work: Path, set_up_seconds: float) -> str:
-    """Return the measurements as a section of docs/window.md."""
+def report(work: Path, set_up_seconds: float, load: float) -> str:
+    """Return the measurements as a section of docs/window.md; `load` is the number of programs that wanted a core."""
     gaps = sorted((entry["seconds"] for entry in read_log(work, "gaps")), reverse=True)
     lines = [
         "```\nmake window-test\n```", "",
-        f"Set-up from the offline bundle: {set_up_seconds:.0f} s, by three presses: install, set up, confirm. {_load()}",
-        "",
+        f"Set-up from the offline bundle: {set_up_seconds:.0f} s, by three presses: install, set up, confirm.", "",
+        f"Programs that wanted a core at the end: {load:.0f}. Seconds besides CPU seconds depend on it.", "",
         "| longest calls of the add-on | CPU seconds | of these its own | seconds |", "| --- | ---: | ---: | ---: |",
     ]  # fmt: skip
     lines += [
@@ -56,13 +55,6 @@ def report(work: Path, set_up_seconds: float) -> str:
         "Blender's own redraws of the scene in software OpenGL, and the compilation of its shaders.",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
-
-
-def _load() -> str:
-    """Return how busy the computer is, as a sentence: seconds besides CPU seconds depend on it."""
-    if not hasattr(os, "getloadavg"):  # Windows
-        return ""
-    return f"The computer's load was {os.getloadavg()[0]:.0f} on {os.cpu_count()} cores."
 
 
 def calls_above_goals(work: Path) -> list[str]:

@@ -389,7 +389,7 @@ def main() -> int:
         return 1
     finally:
         window.stop()
-    text = report(work, seconds[-1])
+    text = report(work, seconds[-1], os.getloadavg()[0])
     print(text)
     if options.doc:
         page = options.doc.read_text(encoding="utf-8")

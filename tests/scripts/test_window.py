@@ -62,6 +62,6 @@ def test_seconds_of_blenders_own_tools_are_told_and_not_held_against_the_add_on(
         {"name": "_poll", "seconds": 0.2, "cpu": 0.15, "blender": 0.0},
     ]
     (tmp_path / "calls.jsonl").write_text("".join(f"{json.dumps(call)}\n" for call in calls))
-    text = module.report(tmp_path, 50.0)
+    text = module.report(tmp_path, 50.0, 9.0)
     assert "| `ViewTool.modal` | 0.370 | 0.090 | 1.000 |" in text
     assert module.calls_above_goals(tmp_path) == ["`_poll` took 0.15 CPU s of its own, more than 0.1 s"]
