@@ -14,6 +14,7 @@ from ..engine.project.content import shown_objects
 from ..engine.training.settings import PRESET_LIST
 from ..engine.workers.jobs import format_seconds
 from ..gaussian_heritage_addon.blender.drawn_text import draw_text
+from ..gaussian_heritage_addon.blender.open_dialog import forget_dialog, is_drawn
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.jobs import job_runner, preset_times
 from ..gaussian_heritage_addon.language.translations import translated
@@ -58,7 +59,8 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH, confirm_text="Reconstruct")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the dialog."""
+        """Draw the dialog, again when the time is known."""
+        is_drawn(context)
         project = project_of(context.scene.heritage)
         photos = Path(read_input(project).photos)
         for line in _consequences(project, self.preset, preset_times.preset_seconds(photos, again=True)):
@@ -66,6 +68,7 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine. The result is imported when it has finished."""
+        forget_dialog()
         project = project_of(context.scene.heritage)
         edited = [obj.name for obj in heritage_objects(context.scene, "OBJECT") if obj.heritage.is_edited]
         if edited:
@@ -75,6 +78,10 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
         self.report({"INFO"}, message)
         return {"FINISHED"}
 
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Close the dialog."""
+        forget_dialog()
+
     def _wanted(self, project: Path) -> str:
         wanted = better_preset(project) if self.preset == "NEXT" else self.preset
         if not wanted:
@@ -83,11 +90,16 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
 
 
 def _consequences(project: Path, preset: str, seconds: dict[str, float] | None) -> list[str]:
-    """Return what happens, a sentence each."""
-    lines = [translated("The scene is trained again with the preset {}; cameras and masks are kept.", preset)]
-    if seconds and preset in seconds:
-        lines.append(translated("About {} on this computer.", format_seconds(seconds[preset])))
+    """Return what happens, a sentence each. The time is not known yet where `seconds` is None."""
     objects, texts = shown_objects(project), texts_of_objects(project)
+    lines = [translated("The scene is trained again with the preset {}; cameras and masks are kept.", preset)]
+    if seconds is None:
+        lines.append(translated("Working out how long this takes ..."))
+    elif preset in seconds and texts:
+        minutes = format_seconds(seconds[preset])
+        lines.append(translated("About {} on this computer, without the search for objects.", minutes))
+    elif preset in seconds:
+        lines.append(translated("About {} on this computer.", format_seconds(seconds[preset])))
     if objects:
         lines.append(
             translated(

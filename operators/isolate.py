@@ -26,6 +26,8 @@ class HERITAGE_OT_isolate(SegmentOperator):
 
     bl_idname = "heritage.isolate"
     bl_label = "Isolate"
+    # Blender's own German has another word for operators of this name.
+    bl_translation_context = bpy.app.translations.contexts.default
 
     # SKIP_SAVE everywhere: values of one call must not become the defaults of the next.
     prompt: Annotated[

@@ -1,4 +1,7 @@
-"""Show the folder of the project in the system's file browser, or its report in the web browser."""
+"""Show the folder of the project in the system's file browser, or its report in the web browser.
+
+Blender does not say where it found no such program, so the place is always said.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import bpy
 
 from ..engine.core.errors import ProjectError
 from ..engine.project.content import is_project, report_file
+from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.splats.properties import project_of
 
 __all__ = ["CLASSES"]
@@ -23,6 +27,7 @@ class HERITAGE_OT_show_folder(bpy.types.Operator):
         if not is_project(project):
             raise ProjectError(f"{project} is not a Gaussian Heritage project. Open another one.")
         bpy.ops.wm.path_open(filepath=str(project))
+        self.report({"INFO"}, translated("The project is in {}", project))
         return {"FINISHED"}
 
 
@@ -38,6 +43,7 @@ class HERITAGE_OT_open_report(bpy.types.Operator):
         if not report.is_file():
             raise ProjectError(f"{report} does not exist. Import the photo folder again to make it.")
         bpy.ops.wm.url_open(url=report.as_uri())
+        self.report({"INFO"}, translated("The report is {}", report))
         return {"FINISHED"}
 
 

@@ -9,6 +9,18 @@ from PIL import Image
 from window_driver import PACKAGE, SCREEN_HEIGHT, Window
 
 RULER_COLOR = (255, 191, 51)
+_OTHER_WORDS = f"""
+import importlib
+translations = importlib.import_module({PACKAGE + ".gaussian_heritage_addon.language.translations"!r})
+for language in translations.LANGUAGES:
+    texts = translations.texts_of(language)[1]
+    for name in dir(bpy.ops.heritage):
+        kind = getattr(bpy.ops.heritage, name).get_rna_type()
+        shown = bpy.app.translations.pgettext_iface(kind.name, kind.translation_context)
+        if shown != texts.get(kind.name, shown):
+            print(kind.name, end=" ")
+"""
+"""Prints the labels of our operators that Blender translates otherwise: its own translations come first."""
 _REACH, _COLOR_TOLERANCE = 20, 60
 """Pixels around the middle of a ruler in which it must be seen, and the largest difference of its colour, of 255."""
 
@@ -156,6 +168,10 @@ def measure_scene(window: Window) -> None:
     window.check(
         "German texts are shown", "bpy.app.translations.pgettext_iface('Known Distance') == 'Bekannter Abstand'"
     )
+    others = window.python(_OTHER_WORDS)
+    if others:
+        window.fail(f"Blender has other words for {others}")
+    print("  all buttons have the add-on's own words", flush=True)
     window.python("bpy.context.preferences.view.language = 'en_US'")
     time.sleep(3)
     window.scroll(-40)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 from window_by_hand import frame_object, invoke
 from window_driver import PACKAGE, Window
 
@@ -52,6 +53,7 @@ def select_objects(window: Window) -> None:
     window.check("Alt+H opens it again", f"not {obj}.heritage.hidden and {obj}.visible_get()")
     window.python(f"{ROW} = bpy.data.objects.find({name!r})")
     _look_in_edit_mode(window, (x, y), height, obj)
+    _rename(window, name, obj)
     window.python(f"{ROW} = bpy.data.objects.find({name!r}); bpy.context.scene.heritage.show = 'SCENE'")
     time.sleep(3)
     window.settle()
@@ -76,6 +78,18 @@ def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float
     window.shot("edit_mode")
     window.keys("Tab")
     window.check("Tab leaves Edit Mode", f"{obj}.mode == 'OBJECT'")
+
+
+def _rename(window: Window, name: str, obj: str) -> None:
+    """Give the active object a name by F2, and undo it: its collection follows both times."""
+    window.run("move", *map(round, window.region("VIEW_3D", "WINDOW")[:2] + np.array((500, 500))))
+    window.keys("F2")
+    window.run("type", "Krug")
+    window.settle()
+    names = "{o.name for o in bpy.data.objects} & {c.name for c in bpy.data.collections}"
+    window.check("a new name is that of the object and of its collection", f"'Krug' in {names}")
+    window.keys("ctrl+z")
+    window.check("Ctrl+Z gives both their name back", f"{name!r} in {names} and {obj}.select_get()")
 
 
 def _rows(obj: str) -> str:
@@ -103,6 +117,22 @@ def change_tools(window: Window) -> None:
         window.fail("clicks after Escape measure something")
 
 
+def say_time_of_improving(window: Window) -> None:
+    """Open the dialog of *Improve* as in a new session, and wait until it says how long the training takes."""
+    times, dialog = _module("jobs.preset_times"), _module("blender.open_dialog")
+    drawn = f"open({str(window.work / 'calls.jsonl')!r}).read().count('improve_scene.draw')"
+    window.python(f"{times}.stop(); {times}._known.clear()")
+    invoke(window, "improve_scene", preset="standard")
+    window.wait_for(f"{dialog}._region is not None", 30)
+    before = int(window.python(f"print({drawn})"))
+    window.wait_for(f"{times}._known", 300)
+    window.wait_for(f"{drawn} > {before}", 10)
+    window.shot("improve")
+    print("  the dialog is drawn again when the time is known", flush=True)
+    window.keys("Escape")
+    window.check("the closed dialog is forgotten", f"{dialog}._region is None")
+
+
 def continue_jobs(window: Window) -> None:
     """Start two jobs, stop both, and continue the first."""
     runner = _module("jobs.job_runner")
@@ -110,7 +140,7 @@ def continue_jobs(window: Window) -> None:
     names = f"[job.command[-1] for _, job, _ in {stopped}]"
     count = int(window.python(f"print(len({stopped}))"))
     window.python("bpy.ops.heritage.isolate(prompt='vase')\nbpy.ops.heritage.isolate(prompt='teapot')")
-    text = f"{_module('panels.panels')}._running_text({runner}.current()[1])"
+    text = f"{_module('panels.panels')}._running_text(*{runner}.current())"
     window.check("the first row says what waits", f"'+1 waiting: isolate teapot' in {text}")
     time.sleep(2)
     window.shot("waiting")

@@ -24,7 +24,7 @@ from window_driver import PACKAGE, Failed, Window
 from window_drops import drop_files
 from window_render import move_project, render_as_shown
 from window_report import report
-from window_selection import change_tools, continue_jobs, select_objects
+from window_selection import change_tools, continue_jobs, say_time_of_improving, select_objects
 
 PICTURES = ROOT / "docs" / "pictures" / "window"
 PARTS = {
@@ -39,7 +39,7 @@ PARTS = {
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
 SHOWN = ("by_hand", "measured", "german", "selected", "edit_mode", "tool", "waiting", "stopped", "render_shown")
 """Further screenshots that are stored as pictures of the documentation, and not compared."""
-SET_UP_BELOW, IMPORT_BELOW, BY_HAND_BELOW, MEASURE_BELOW = 138, 79, 634, 661
+SET_UP_BELOW, IMPORT_BELOW, BY_HAND_BELOW, MEASURE_BELOW = 75, 79, 634, 661
 """Buttons, and the headers of panels before there is an object, in pixels under the top of the sidebar."""
 MAX_DIFFERENCE = 0.04
 """Mean difference of a part, 0 to 1; another text or another place of a button is above."""
@@ -371,6 +371,7 @@ def main() -> int:
         ("measure", lambda: measure_scene(window)),
         ("drop files", lambda: drop_files(window, work / "photos_heritage" / "gaussians" / "scene.ply", *dropped)),
         ("export", lambda: export(window)),
+        ("improve", lambda: say_time_of_improving(window)),
         ("survive a crash", lambda: survive_a_crash(window)),
         ("continue jobs", lambda: continue_jobs(window)),
         ("move the project", lambda: move_project(window)),
@@ -388,7 +389,7 @@ def main() -> int:
         return 1
     finally:
         window.stop()
-    text = report(work, seconds[-1])
+    text = report(work, seconds[-1], os.getloadavg()[0])
     print(text)
     if options.doc:
         page = options.doc.read_text(encoding="utf-8")

@@ -12,11 +12,12 @@ import bpy
 
 from ...engine.core.errors import HeritageError
 from ...engine.workers.jobs import Job
-from ..blender.guards import Timer, redraw
+from ..blender.guards import Timer, add_load_handler, redraw, remove_handler
+from ..blender.open_dialog import forget_dialog, redraw_dialog
 from ..setup.engine_process import engine_command
 from ..setup.preferences import current_environment, current_python, user_folder
 
-__all__ = ["ask", "poll", "preset_seconds", "stop"]
+__all__ = ["ask", "poll", "preset_seconds", "register", "stop", "unregister"]
 
 _INTERVAL = 0.5
 """Seconds between two polls, and before a folder is asked about: a file browser passes through many folders."""
@@ -94,6 +95,7 @@ def poll() -> float | None:
         _keep(_wanted, {})
     _job = None
     redraw()
+    redraw_dialog()
     return _INTERVAL
 
 
@@ -128,3 +130,15 @@ def _stages_of(outputs: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 
 
 _timer = Timer(poll)
+
+
+def register() -> None:
+    """Forget a dialog that another file closes."""
+    add_load_handler(forget_dialog)
+
+
+def unregister() -> None:
+    """Undo `register`, and ask no more."""
+    remove_handler(forget_dialog)
+    forget_dialog()
+    stop()

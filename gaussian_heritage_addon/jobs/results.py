@@ -10,6 +10,7 @@ import bpy
 from ...engine.core.errors import EnvironmentProblem, ProjectError
 from ...engine.project.refused_prompts import dismiss
 from ...engine.workers.jobs import Job, JobState
+from ..project.hand_edits import was_edited_meanwhile
 from ..project.new_objects import show_new_objects
 from ..project.object_state import forget_known, owners
 from ..project.project_history import look_again, remember_objects
@@ -77,7 +78,11 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     # What was deleted in this file, and is not stored yet, comes back only where it was asked for.
     kept_ids = [one for one in kept_ids if one in existing or one not in gone]
     scene.heritage.project = str(project)
-    present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
+    present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT")}
+    shown_before = {one for one in new_ids if one in present}
+    # They stay as they are, marked as not stored.
+    edited = [one for one in new_ids if one in present and was_edited_meanwhile(present[one], project)]
+    new_ids = [one for one in new_ids if one not in edited]
     before = {object_id: _state_of(obj) for (one, object_id), obj in owners().items() if one == project}
     deleted = _ids(state, "deleted")
     # Objects of the project that were found again may be missing in this file.
@@ -86,7 +91,7 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     before |= dict(zip(deleted, _ids(state, "deleted_states"), strict=False))
     remember_objects(project, before, [*new_ids, *deleted])
     scene.heritage.show = "OBJECTS"
-    show_new_objects(scene, found)
+    show_new_objects(scene, found, known=shown_before)
 
 
 def _state_of(obj: bpy.types.Object) -> str | None:

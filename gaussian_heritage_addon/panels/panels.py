@@ -24,7 +24,7 @@ from ..project.open_projects import is_open_elsewhere
 from ..splats.properties import HeritageScene, project_of
 from . import by_hand_panel, display_panel, objects_panel
 from .job_box import draw_curve, draw_job
-from .set_up_box import draw_set_up
+from .set_up_box import SET_UP_KINDS, draw_set_up
 
 __all__ = ["CLASSES"]
 
@@ -65,7 +65,7 @@ def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     current, waiting = job_runner.current(), job_runner.waiting()
     row = layout.row(align=True)
     if current is not None and current[1].running:
-        row.progress(factor=current[1].fraction, text=_running_text(current[1]))
+        row.progress(factor=current[1].fraction, text=_running_text(*current))
         row.operator("heritage.cancel_job", text="", icon="CANCEL")
         return
     stopped = job_runner.stopped(scene)
@@ -89,9 +89,12 @@ def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         row.label(text="Done", icon="CHECKMARK")
 
 
-def _running_text(state: JobState) -> str:
-    # Both have no room in a sidebar of the usual width; the panel Progress has the stage.
-    return f"{state.fraction:.0%}   {_waiting_text()}" if job_runner.waiting() else state.progress_line()
+def _running_text(job: Job, state: JobState) -> str:
+    if job_runner.waiting():
+        # Both have no room in a sidebar of the usual width; the panel Progress has the stage.
+        return f"{state.fraction:.0%}   {_waiting_text()}"
+    # The engine needs seconds until it begins with a stage.
+    return state.progress_line() if state.stage else job_name(job.kind, Path(job.subject), job.command)
 
 
 def _waiting_text() -> str:
@@ -104,7 +107,8 @@ def _problems(scene: bpy.types.Scene) -> list[str]:
     """Return what is wrong, apart from stopped jobs."""
     found = [job_runner.problem(), problems.shown()]
     current = job_runner.current()
-    if current is not None and current[0].kind not in PROJECT_KINDS and current[1].error not in found:
+    told_elsewhere = (*PROJECT_KINDS, *SET_UP_KINDS)
+    if current is not None and current[0].kind not in told_elsewhere and current[1].error not in found:
         found.append(current[1].error)
     return [problem for problem in found if problem]
 
@@ -198,6 +202,11 @@ class HERITAGE_PT_progress(bpy.types.Panel):
 def _draw_stopped(box: bpy.types.UILayout, number: int, job: Job, state: JobState) -> None:
     box.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
     draw_text(box, state.error)
+    if state.error_type == "ModelFileError":
+        # The engine names its command line.
+        draw_text(
+            box, "In Blender: Repair Engine, or Fetch beside the model, in Preferences > Add-ons > Gaussian Heritage."
+        )
     row = box.row(align=True)
     row.operator("heritage.continue_job", text="Continue", icon="PLAY").number = number
     row.operator("heritage.leave_job", text="Leave").number = number

@@ -117,7 +117,7 @@ class HeritagePreferences(bpy.types.AddonPreferences):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the preferences."""
         layout = self.layout
-        draw_set_up(layout.box())
+        is_offered = draw_set_up(layout.column(), in_preferences=True)
         column = layout.column()
         column.prop(self, "offline_bundle")
         column.prop(self, "base_python")
@@ -125,7 +125,8 @@ class HeritagePreferences(bpy.types.AddonPreferences):
         column.prop(self, "engine_python")
         row = layout.row()
         row.operator("heritage.check_engine", icon="CHECKMARK")
-        row.operator("heritage.set_up_engine", text=set_up_label(), icon="IMPORT")
+        if not is_offered:
+            row.operator("heritage.set_up_engine", text=set_up_label(), icon="IMPORT")
         row.operator("heritage.remove_engine", text="Remove", icon="TRASH")
         _draw_what_stays(layout)
         for line in self.check_result.splitlines():

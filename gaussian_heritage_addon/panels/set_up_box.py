@@ -11,11 +11,17 @@ from ..setup.installation import installed_engine
 from ..setup.preferences import engine_problem, set_up_options, set_up_problem
 from .job_box import draw_job
 
-__all__ = ["draw_set_up", "set_up_label"]
+__all__ = ["SET_UP_KINDS", "draw_set_up", "set_up_label"]
 
-_CHANGES = ("set-up", "remove engine")
-"""Kinds of jobs during which the state of the engine says nothing: what they do is shown instead."""
+SET_UP_KINDS = ("set-up", "remove engine")
+"""Kinds of jobs that `draw_set_up` tells of. The state of the engine says nothing meanwhile."""
 
+_NOT_READY = (
+    pgettext_n("The engine is not set up yet."),
+    pgettext_n("The set-up of the engine is not complete."),
+    pgettext_n("The engine was set up by another version of this add-on."),
+)
+"""With these `engine_problem` begins, and goes on with the button to press, which stands right below here."""
 _LABELS = {
     "missing": pgettext_n("Set Up Engine"),
     "incomplete": pgettext_n("Continue Set-Up"),
@@ -28,12 +34,26 @@ def set_up_label() -> str:
     return _LABELS.get(installed_engine().state(), pgettext_n("Repair Engine"))
 
 
-def draw_set_up(layout: bpy.types.UILayout) -> bool:
-    """Draw what leads to an engine, or its progress; return False, and draw nothing, when there is an engine."""
+def draw_set_up(layout: bpy.types.UILayout, *, in_preferences: bool = False) -> bool:
+    """Draw what leads to an engine, or its progress; return False, and draw nothing, when there is an engine.
+
+    Parameters
+    ----------
+    layout : UILayout
+    in_preferences : bool
+        Whether the field *Offline Bundle* stands below.
+    """
     job = job_runner.current()
-    if job is not None and job[0].kind in _CHANGES and not job[1].finished:
+    if job is not None and job[0].kind in SET_UP_KINDS and not job[1].finished:
         draw_job(layout, *job)
         if job[1].running:
+            if job[0].kind == "remove engine":
+                draw_text(
+                    layout,
+                    "The engine is being deleted. This goes on when the add-on is uninstalled or Blender is closed. "
+                    "If its folder is there afterwards, delete it by hand.",
+                    icon="INFO",
+                )
             return True
     problem = engine_problem()
     if not problem:
@@ -42,9 +62,15 @@ def draw_set_up(layout: bpy.types.UILayout) -> bool:
     if not failed_here and (reason := set_up_problem()):
         # Of an earlier session: what is known of it must not be lost with Blender.
         draw_text(layout, reason, icon="ERROR")
-    draw_text(layout, problem, icon="INFO")
+    draw_text(layout, next((short for short in _NOT_READY if problem.startswith(short)), problem), icon="INFO")
     if _needs_network():
         _draw_online_access(layout)
+        if in_preferences:
+            draw_text(layout, "Without a network: choose an Offline Bundle below.")
+        else:
+            draw_text(
+                layout, "Without a network: choose an Offline Bundle in Preferences > Add-ons > Gaussian Heritage."
+            )
     column = layout.column()
     column.enabled = not _needs_network()
     column.scale_y = 1.6
@@ -67,4 +93,3 @@ def _draw_online_access(layout: bpy.types.UILayout) -> None:
         column.scale_y = 1.6
         system = bpy.context.preferences.system
         column.prop(system, "use_online_access", text="Allow Online Access", toggle=True, icon="INTERNET")
-    draw_text(layout, "Without a network: choose an Offline Bundle in the preferences of this add-on.")

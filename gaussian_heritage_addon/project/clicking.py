@@ -77,8 +77,9 @@ class Viewport:
         try:
             show_backdrop(self.scene, photo_camera(project, current_photo(self.scene)), project)
         except HeritageError as error:
-            # Not fatal: the splats can be clicked as well.
+            # Not fatal: the splats of the whole scene can be clicked as well.
             self.photo_problem = str(error)
+            self.scene.heritage.show = "SCENE"
         else:
             self.photo_problem = ""
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 
 from ...engine.core.errors import ObjectError
 from ...engine.objects.settings import DEFAULT_THRESHOLD
+from ...engine.project.content import shown_objects
+from ...engine.project.objects import load_membership
 from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import (
     COUNT_KEY,
@@ -40,6 +43,7 @@ __all__ = [
     "new_object",
     "object_mode",
     "take_vertices",
+    "was_edited_meanwhile",
     "whole_of",
 ]
 
@@ -194,6 +198,23 @@ def delete_object(obj: bpy.types.Object) -> None:
 def edited_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Return the objects of `scene` with edits that are not stored in the project."""
     return [obj for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited]
+
+
+def was_edited_meanwhile(obj: bpy.types.Object, project: Path) -> bool:
+    """Return whether `obj` has edits that the job has not stored which has just made it in `project` again.
+
+    Raises
+    ------
+    FormatError
+        When a file of the project cannot be read.
+    """
+    if not obj.heritage.is_edited:
+        return False
+    item = next((one for one in shown_objects(project) if one.id == obj.heritage.object_id), None)
+    if item is None:
+        return True
+    stored = load_membership(project, item.id, scene_count(obj)) >= np.float32(item.threshold)
+    return not np.array_equal(np.unique(member_rows(obj)), np.flatnonzero(stored))
 
 
 def _mark(obj: bpy.types.Object) -> None:

@@ -83,6 +83,9 @@ def _renamed_to(obj: bpy.types.Object) -> str | None:
         return _allowed(obj, obj.name)
     if collection is not None and collection.name != collection.get(_NAME_KEY, collection.name):
         return _allowed(obj, collection.name)
+    if collection is not None and collection.name != state.object_name not in bpy.data.collections:
+        # Blender takes the name of an object back, but not that of its collection, which followed after the step.
+        return state.object_name
     return None
 
 

@@ -13,8 +13,8 @@ __all__ = ["describe", "install_command", "installed_engine", "remove_command"]
 
 _MODULE = "engine.install.environment"
 _OFFLINE = (
-    "Blender may not use the network. Allow Online Access in Preferences > System, or choose an Offline Bundle in the "
-    "preferences of this add-on."
+    "Blender may not use the network. Allow Online Access in Preferences > System, or choose an Offline Bundle in "
+    "Preferences > Add-ons > Gaussian Heritage."
 )
 
 

@@ -11,7 +11,7 @@
 #   window.sh shot FILE.png       the whole screen
 #   window.sh crash | again       kills Blender; starts it again
 #   window.sh small FILE.png FILE.jpg | differ FILE.jpg FILE.jpg WxH+X+Y    of screenshots, 1200x750 pixels
-#   window.sh stop                ends what start began, and unbinds
+#   window.sh stop                ends what start began
 # BLENDER_WINDOW_SEES: folders, with colons between, that are visible inside at the same path (checkout, environments, the engine's Python).
 set -eu
 root=${BLENDER_WINDOW_ROOT:-${TMPDIR:-/tmp}/blender_window_root}   # the Debian root
@@ -21,12 +21,21 @@ export DISPLAY=${BLENDER_WINDOW_DISPLAY:-:77}   # two windows at once need two
 inside() { chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR=/tmp LIBGL_ALWAYS_SOFTWARE=1 "$@"; }
 # exec: the number of the background process is that of the program itself.
 begin() { (exec chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR=/tmp LIBGL_ALWAYS_SOFTWARE=1 "$@") & echo $! >>"$work/pids"; }
+# Folders are bound in a mount namespace of this window, which ends with its last process: several windows share a root.
+runs() { [ "$(readlink "/proc/$1/root")" = "$(realpath "$root")" ]; }
+if [ -z "${BLENDER_WINDOW_IS_PRIVATE:-}" ]; then
+  export BLENDER_WINDOW_IS_PRIVATE=1
+  first=$(head -1 "$work/pids" 2>/dev/null || true)
+  if [ -n "$first" ] && runs "$first"; then exec nsenter --mount --target "$first" bash "$here/window.sh" "$@"; fi
+  exec unshare --mount --propagation private bash "$here/window.sh" "$@"
+fi
 bind_all() { local IFS=:; for folder in /proc /dev "$work" ${BLENDER_WINDOW_SEES:-}; do bind "$folder"; done; }
 bind() { mkdir -p "$root$1"; mountpoint -q "$root$1" || mount --bind "$1" "$root$1"; }
 start_blender() { begin env WINDOW_WORK="$work" blender --gpu-backend opengl --window-geometry 0 0 1600 1000 "$@" --python "$work/harness.py" >>"$work/blender.log" 2>&1; }
 # xdotool finds the names of F1 to F12 together with Alt, and presses both: F12 never rendered. By numbers it does not.
 number_of() { case $1 in F[1-9] | F10) echo $((66 + ${1#F})) ;; F11 | F12) echo $((84 + ${1#F})) ;; *) echo "$1" ;; esac; }
 mkdir -p "$work/commands" "$work/home"
+bind_all
 case ${1:-} in
 setup)
   mirror=$(cat /etc/apt/sources.list /etc/apt/sources.list.d/*.list /etc/apt/sources.list.d/*.sources 2>/dev/null |
@@ -34,14 +43,12 @@ setup)
   command -v debootstrap >/dev/null || { echo "debootstrap is missing; install it (Debian: apt-get install debootstrap)." >&2; exit 1; }
   [ -x "$root/usr/bin/apt-get" ] || debootstrap --variant=minbase --include=ca-certificates sid "$root" "$mirror"
   cp /etc/resolv.conf "$root/etc/"; cp -n /etc/apt/apt.conf.d/* "$root/etc/apt/apt.conf.d/" 2>/dev/null || true
-  bind_all
   # python3-cattr: without it Blender's extension system does not register
   chroot "$root" sh -c 'export DEBIAN_FRONTEND=noninteractive; apt-get update -q && apt-get install -y -q --no-install-recommends \
     blender xvfb xdotool imagemagick x11-utils libgl1-mesa-dri libglx-mesa0 libegl1 openbox dbus-x11 procps \
     python3-numpy python3-xlib python3-cattr python3-requests python3-zstandard python3-jsonschema' ;;
 start)
   shift
-  bind_all
   cp "$here/harness.py" "$work/"
   rm -f "$work/pids" "$root/tmp/.X${DISPLAY#:}-lock" "$root/tmp/.X11-unix/X${DISPLAY#:}"   # of a killed X server
   begin Xvfb $DISPLAY -screen 0 1600x1000x24 +extension GLX +render -noreset >"$work/xvfb.log" 2>&1
@@ -79,7 +86,6 @@ differ)   # mean difference of a part of two pictures, 0 to 1
 shot) inside import -window root "$work/shot.png" && cp "$work/shot.png" "$2" ;;
 crash) kill -9 "$(tail -1 "$work/pids")" ;;
 stop)
-  [ ! -e "$work/pids" ] || { tac "$work/pids" | while read -r pid; do kill "$pid" 2>/dev/null || true; done; rm "$work/pids"; sleep 5; }
-  mount | awk -v root="$root/" 'index($3, root) == 1 {print $3}' | sort -r | while read -r point; do umount "$point" || umount -l "$point" || true; done ;;
+  [ ! -e "$work/pids" ] || { tac "$work/pids" | while read -r pid; do ! runs "$pid" || kill "$pid" || true; done; rm "$work/pids"; sleep 5; } ;;
 *) sed -n '2,15p' "$0"; exit 2 ;;
 esac

@@ -193,7 +193,7 @@ def _create(run: _Run, pythons: Sequence[Path], build: str, packed: Bundle | Non
         if not _works([python, "-m", "pip", "--version"]):
             _add_pip(run)
         return version_text(present.version), _torch(run, build, packed)
-    why, other = "", None
+    why, refused, other = "", None, None
     for interpreter in find_pythons(pythons):
         if packed is not None and version_text(interpreter.version) != packed.python:
             why = f" ({packed.file.name} is for Python {packed.python})"
@@ -204,11 +204,14 @@ def _create(run: _Run, pythons: Sequence[Path], build: str, packed: Bundle | Non
         except _Untrusted:
             raise
         except EnvironmentProblem as error:
-            why = f" ({error})"
+            refused = refused or error
             continue
         if source.build == build:
             return version_text(interpreter.version), source
         other = other or (interpreter, source)
+    if other is None and refused is not None:
+        # Of the network, or of an index: another Python would not help.
+        raise refused
     if other is None:
         raise EnvironmentProblem(
             f"No Python that the engine can be installed with was found{why}. {python_advice(VERSIONS)} "
@@ -270,7 +273,11 @@ def _trusting(run: _Run, ask: Callable[[], Answer]) -> Answer:
     except NotTrusted as error:
         refused = error
         if run.pip.version() < _PIP_WITH_TRUSTSTORE:
-            _add_pip(run)
+            try:
+                _add_pip(run)
+            except EnvironmentProblem as problem:
+                # With the system's certificates, too. Another Python would meet the same server.
+                raise _Untrusted(str(problem)) from problem
             try:
                 return ask()
             except NotTrusted as again:

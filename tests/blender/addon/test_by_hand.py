@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import bpy
@@ -270,6 +270,39 @@ def test_edits_are_stored_in_the_project_by_the_engine(balls: Any, part: Part, i
     assert (objects.load_membership(balls.folder, "vase", 600) >= 0.5).sum() == 350
     assert not any(obj.heritage.is_edited for obj in bpy.data.objects) and not bpy.context.scene.heritage.deleted
     assert rows_of(part, "Fenster öst") == set(range(200, 250))
+
+
+def job_ends(part: Part, project: Any, *ids: str) -> None:
+    """Import the objects that a job of this session has changed in the project."""
+    job = SimpleNamespace(kind="segment", subject=str(project.folder), command=["--detail"])
+    state = part("engine.workers.jobs").JobState(outputs={"objects": list(ids)})
+    part("gaussian_heritage_addon.jobs.results").import_results(job, state, bpy.context.scene)
+
+
+def test_what_is_edited_while_a_job_works_on_the_object_is_not_lost(
+    balls: Any, part: Part, draw: Callable[[str], Any]
+) -> None:
+    left = listed("Left")
+    select_in_edit_mode(left, np.arange(30))
+    assert bpy.ops.heritage.take_selection() == {"FINISHED"}
+    bpy.ops.object.mode_set(mode="OBJECT")
+    kept = rows_of(part, "Left")
+    assert len(kept) == 70
+    job_ends(part, balls, "left", "right")
+    assert rows_of(part, "Left") == kept and left.heritage.is_edited
+    assert "Not stored: Left" in draw("HERITAGE_PT_objects").texts
+    # What the job itself has stored counts as stored.
+    write_object(balls.folder, "left", "Left", np.isin(np.arange(600), sorted(kept)).astype(np.float32))
+    job_ends(part, balls, "left")
+    assert rows_of(part, "Left") == kept and not left.heritage.is_edited
+
+
+def test_end_of_a_job_on_known_objects_leaves_selection_and_eyes(balls: Any, part: Part) -> None:
+    listed("Right")
+    bpy.data.objects["Left"].heritage.hidden = True
+    job_ends(part, balls, "left", "vase")
+    assert current() == "Right" and bpy.data.objects["Left"].heritage.hidden
+    assert [obj.name for obj in bpy.context.selected_objects] == ["Right"]
 
 
 def test_panel_offers_the_edits_and_says_what_is_not_stored(balls: Any, draw: Callable[[str], Any]) -> None:

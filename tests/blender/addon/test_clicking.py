@@ -178,6 +178,7 @@ def test_missing_photo_does_not_prevent_clicking(opened: Any, camera: Any, part:
     viewport = part("gaussian_heritage_addon.project.clicking").Viewport(bpy.context.scene, window.area)
     viewport.show_photo(0)
     assert "photos.json cannot be read" in viewport.photo_problem
+    bpy.context.scene.heritage.show = "OBJECTS"
     save_photo(part, opened.folder, camera.photo, 1)
     file = opened.folder.parent / "photos" / camera.photo
     file.write_bytes(b"not a photo")
@@ -186,6 +187,8 @@ def test_missing_photo_does_not_prevent_clicking(opened: Any, camera: Any, part:
     file.unlink()
     viewport.show_photo(0)
     assert "is missing" in viewport.photo_problem
+    # In place of the photo, there is the scene to click on, and not only its objects.
+    assert bpy.context.scene.heritage.show == "SCENE"
     window.update_matrix()
     assert viewport.click(370, 230, True)[0].photo == camera.photo
 

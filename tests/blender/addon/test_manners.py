@@ -125,3 +125,19 @@ def test_text_prompt_knows_where_the_user_looks_from_also_in_a_measured_scene(pr
         ]
         assert argument.startswith('--seen-from={"width": 800')
     assert module.viewport_camera(bpy.context) is None
+
+
+def test_place_of_project_and_report_is_said_also_where_no_program_shows_them(
+    project: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bpy.ops.heritage.open_project(directory=str(project.folder))
+    report = project.folder / "report" / "report.html"
+    report.parent.mkdir()
+    report.touch()
+    # Blender's own operators, which would start programs.
+    monkeypatch.setattr(bpy.ops, "wm", SimpleNamespace(path_open=lambda filepath: None, url_open=lambda url: None))
+    said: list[str] = []
+    operator = SimpleNamespace(report=lambda kind, sentence: said.append(sentence))
+    for name, place in (("show_folder", project.folder), ("open_report", report)):
+        getattr(bpy.types, f"HERITAGE_OT_{name}").execute(operator, bpy.context)
+        assert str(place) in said[-1]

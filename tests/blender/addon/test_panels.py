@@ -258,6 +258,18 @@ def test_running_fetch_shows_progress_and_can_be_cancelled(
         assert not no_job._job.wait().finished
 
 
+def test_first_row_names_the_job_until_the_engine_begins_with_a_stage(
+    no_job: ModuleType, part: Part, draw: Draw, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = part("engine.workers.jobs").JobState()
+    command = ["engine", "segment", "room", "--prompt=bell"]
+    job = SimpleNamespace(kind="segment", subject="room", command=command, of_earlier_session=False)
+    monkeypatch.setattr(no_job, "current", lambda: (job, state))
+    assert "isolate bell" in draw("HERITAGE_PT_scene").texts
+    state.stage, state.fraction = "objects", 0.25
+    assert "objects 25%" in draw("HERITAGE_PT_scene").texts
+
+
 def test_failed_fetch_is_a_clear_error(blender: ModuleType, page: Any, fake_engine: StandIn, tmp_path: Path) -> None:
     page.model_folder = str(tmp_path)
     fake_engine("say('error', message='The folder holds neither.', error='ModelFileError')\nsys.exit(1)")

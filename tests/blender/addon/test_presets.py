@@ -158,5 +158,43 @@ def test_dialog_says_what_becomes_of_the_objects(opened: Any, part: Part) -> Non
     write_object(opened.folder, "vase", "Meissen", MEMBERSHIP, prompt={"kind": "text", "text": "vase"})
     write_object(opened.folder, "cup", "Cup", MEMBERSHIP, prompt={"kind": "click", "photo": "a.jpg"})
     lines = " ".join(part("operators.improve_scene")._consequences(opened.folder, "standard", {"standard": 240.0}))
-    for words in ("2 objects", "trash", "Searched for again by their words: vase.", "About 4 min", "clicked"):
+    for words in (
+        "2 objects",
+        "trash",
+        "Searched for again by their words: vase.",
+        "About 4 min",
+        "without the search",
+        "clicked",
+    ):
         assert words in lines, words
+
+
+def test_dialog_says_that_the_time_is_worked_out_and_shows_it_then(
+    opened: Any, part: Part, photos: Path, times: ModuleType, fake_engine: Callable[[str], Path],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    trained(opened, part, photos)
+    fake_engine(FORECAST)
+    operator = part("operators.improve_scene").HERITAGE_OT_improve_scene
+    drawn: list[str] = []
+    popup = SimpleNamespace(tag_refresh_ui=lambda: drawn.append("again"), tag_redraw=lambda: None)
+    context = SimpleNamespace(
+        scene=bpy.context.scene, region_popup=popup, window_manager=SimpleNamespace(
+            invoke_props_dialog=lambda *_, **options: {"RUNNING_MODAL"}
+        ),
+    )  # fmt: skip
+    dialog = SimpleNamespace(preset="NEXT", layout=FakeLayout(), _wanted=lambda project: "standard")
+    operator.invoke(dialog, context, None)
+    operator.draw(dialog, context)
+    assert "Working out how long this takes ..." in dialog.layout.texts
+    wait_for(times)
+    assert drawn == ["again"]
+    dialog.layout = FakeLayout()
+    operator.draw(dialog, context)
+    # Cameras and masks are kept: only the training counts.
+    assert "About 4 min on this computer." in dialog.layout.texts
+    assert "Working out how long this takes ..." not in dialog.layout.texts
+    # Blender frees the region of a dialog that was closed.
+    operator.cancel(dialog, context)
+    part(f"{ADDON}.blender.open_dialog").redraw_dialog()
+    assert drawn == ["again"]

@@ -291,6 +291,18 @@ def write(part: Part, folder: Path, object_id: str, name: str) -> None:
     part("engine.project.objects").rename_object(folder, object_id, name)
 
 
+def test_collection_follows_the_undo_of_a_name_that_was_given_in_the_list(museum: Any, part: Part) -> None:
+    before = in_blender(part)
+    vase = isolated()["vase"]
+    vase.name = "Urn"
+    step()
+    assert "Urn" in in_blender(part) and names(part, museum.folder)["vase"] == "Urn"
+    # Undo in a window, where the step ends before the collection follows, gives back what belongs to the object alone.
+    vase.name = vase.heritage_state.object_name = vase.heritage_state.shown_name = "Vase"
+    part("gaussian_heritage_addon.project.project_history").catch_up()
+    assert in_blender(part) == before and names(part, museum.folder)["vase"] == "Vase"
+
+
 def test_hidden_object_is_renamed_as_well(museum: Any, part: Part) -> None:
     bpy.context.scene.heritage.show = "SCENE"
     step()

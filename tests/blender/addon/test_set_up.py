@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Callable
@@ -102,6 +103,7 @@ def test_panel_shows_the_removal_while_it_runs(
     monkeypatch.setattr(part("gaussian_heritage_addon.jobs.job_runner"), "current", lambda: (job, state))
     texts = draw("HERITAGE_PT_scene").texts
     assert "Removing the engine" in texts and "Continue Set-Up" not in texts
+    assert "This goes on when the add-on is uninstalled or Blender is closed." in " ".join(texts)
 
 
 @pytest.fixture
@@ -127,6 +129,43 @@ def test_panel_itself_offers_online_access(
     (tmp_path / "bundle.zip").touch()
     preferences.offline_bundle = str(tmp_path / "bundle.zip")
     assert "--offline-mode" not in " ".join(draw("HERITAGE_PT_scene").texts)
+
+
+def test_texts_fit_the_place_where_they_stand(
+    preferences: Any, folder: Path, installed: str, offline: SimpleNamespace, part: Part, draw: Draw
+) -> None:
+    engine = part("gaussian_heritage_addon.setup.installation").installed_engine()
+    sidebar, page = (" ".join(drawn.texts) for drawn in (draw("HERITAGE_PT_scene"), drawn_preferences(installed)))
+    assert "choose an Offline Bundle in Preferences > Add-ons > Gaussian Heritage." in sidebar
+    assert "choose an Offline Bundle below." in page and "Preferences > Add-ons" not in page
+    for state, sentence in (
+        ("missing", "The engine is not set up yet."),
+        ("incomplete", "The set-up of the engine is not complete."),
+        ("outdated", "The engine was set up by another version of this add-on."),
+    ):
+        if state == "incomplete":
+            engine.begin()
+        elif state == "outdated":
+            engine.python.parent.mkdir(parents=True)
+            engine.python.touch()
+            engine.finish("3.11", "cpu")
+            stamp = json.loads((folder / "installed.json").read_text(encoding="utf-8"))
+            (folder / "installed.json").write_text(json.dumps({**stamp, "made_from": "other lists"}), encoding="utf-8")
+        assert engine.state() == state
+        for drawn in (draw("HERITAGE_PT_scene"), drawn_preferences(installed)):
+            # The button to press stands below.
+            assert sentence in drawn.texts and "in the sidebar or in" not in " ".join(drawn.texts)
+            assert [name for name, _ in drawn.buttons].count("heritage.set_up_engine") == 1
+
+
+def test_reason_of_a_failed_set_up_stands_once(
+    preferences: Any, folder: Path, part: Part, monkeypatch: pytest.MonkeyPatch, draw: Draw, tmp_path: Path
+) -> None:
+    state = part("engine.workers.jobs").JobState(error="No network.", error_type="EnvironmentProblem", running=False)
+    job = SimpleNamespace(kind="set-up", of_earlier_session=False, subject="engine", folder=tmp_path)
+    monkeypatch.setattr(part("gaussian_heritage_addon.jobs.job_runner"), "current", lambda: (job, state))
+    assert draw("HERITAGE_PT_scene").texts.count("No network.") == 1
+    assert not bpy.types.HERITAGE_PT_progress.poll(bpy.context)
 
 
 def test_reason_of_a_failed_set_up_survives_a_restart(
@@ -198,6 +237,8 @@ def test_models_that_came_with_the_set_up_are_not_offered_for_download(
     engine.python.parent.mkdir(parents=True)
     engine.python.touch()
     engine.finish("3.11", "cpu")
+    # No empty box in place of what leads to an engine.
+    assert "box" not in drawn_preferences(installed).calls[:2]
     assert (
         drawn_preferences(installed).texts.count("Fetch ...") == sum(model.optional for model in models) < len(models)
     )

@@ -55,6 +55,18 @@ def test_stopped_job_keeps_its_continue_whatever_runs_after_it(
     assert runner.current() is None
 
 
+def test_missing_model_file_is_told_with_the_buttons_of_blender(
+    runner: ModuleType,  # noqa: F811
+    opened: Any,
+    fake_engine: StandIn,
+    draw: Draw,
+) -> None:
+    fake_engine("say('error', message='minilm.onnx is missing. Run: python', error='ModelFileError')\nsys.exit(1)")
+    _segment(runner, opened, "bust")
+    _poll_to_the_end(runner)
+    assert "Repair Engine, or Fetch beside the model, in Preferences" in " ".join(draw("HERITAGE_PT_progress").texts)
+
+
 def test_each_of_several_stopped_jobs_is_continued_or_left(
     runner: ModuleType,  # noqa: F811
     opened: Any,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,6 +13,7 @@ import pytest
 
 from engine.core.errors import ProjectError
 from engine.core.files import read_json
+from engine.core.system import CODE_ROOT
 from engine.install.environment import EngineEnvironment, default_folder
 from engine.install.environment import environment as module
 
@@ -123,3 +127,30 @@ def test_removed_engine_leaves_nothing_and_follows_no_link(engine: EngineEnviron
     engine.remove()
     assert not engine.folder.exists()
     assert (tmp_path / "photos" / "vase.jpg").exists()
+
+
+_UNINSTALL = """
+import shutil, sys
+from engine.install.environment import __main__ as program
+tell = program._print_json
+def tell_and_uninstall(event):
+    tell(event)
+    shutil.rmtree(sys.argv[2], ignore_errors=True)
+program._print_json = tell_and_uninstall
+sys.exit(program.main(["remove", "--folder", sys.argv[1], "--events"]))
+"""
+
+
+def test_removal_ends_by_itself_when_the_add_on_is_uninstalled_meanwhile(
+    engine: EngineEnvironment, tmp_path: Path
+) -> None:
+    _complete(engine)
+    # Uninstalling deletes the code of the running program right after its first event.
+    code = tmp_path / "extension" / "engine"
+    shutil.copytree(CODE_ROOT / "engine", code, ignore=shutil.ignore_patterns("node_modules", "__pycache__"))
+    done = subprocess.run(
+        [sys.executable, "-c", _UNINSTALL, str(engine.folder), str(code)], check=False, capture_output=True, text=True,
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(code.parent), "PYTHONDONTWRITEBYTECODE": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0 and "was deleted" in done.stdout, done.stderr
+    assert not engine.folder.exists() and not code.exists()

@@ -211,6 +211,33 @@ def test_old_pip_is_renewed_where_the_network_inspects_connections_and_the_certi
     assert engine.state() == "ready" and len(renewed) == 1
 
 
+def test_server_that_the_system_does_not_trust_is_named_where_pip_would_be_renewed(
+    engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def untrusted(*_: Any) -> None:
+        raise NotTrusted("refused", "HTTPSConnectionPool(host='pypi.org', port=443)")
+
+    def fetched(folder: Path) -> Path:
+        raise EnvironmentProblem("A certificate of Museum IT.")
+
+    monkeypatch.setattr(module, "_PIP_WITH_TRUSTSTORE", (99,))
+    monkeypatch.setattr(module, "torch_source", untrusted)
+    monkeypatch.setattr(module, "fetch_pip", fetched)
+    with pytest.raises(EnvironmentProblem, match=r"^A certificate of Museum IT\.$"):
+        _install(engine)
+
+
+def test_without_a_network_no_other_python_is_advised(
+    engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unreachable(*_: Any) -> None:
+        raise EnvironmentProblem("No index offers torch. Check the network.")
+
+    monkeypatch.setattr(module, "torch_source", unreachable)
+    with pytest.raises(EnvironmentProblem, match=r"^No index offers torch\. Check the network\.$"):
+        _install(engine)
+
+
 SYSTEMS_OF_PYTHON = {
     "win32": ((), "python.org (Windows installer"),
     "darwin": ((), "python.org (macOS"),
