@@ -6,13 +6,14 @@ import functools
 import logging
 from pathlib import Path
 
-from ...install.models import find_model_file, models_folder
+from ...install.models import find_model_file, find_model_files, models_folder
 from .detector import Detector
+from .image_text import ENCODERS
 
 __all__ = ["default_detector_name", "load_default_detector"]
 
 _LOG = logging.getLogger(__name__)
-# In order of preference; the paper uses the base model.
+# In order of preference, after the encoders; the paper uses the base model.
 _GROUNDING_DINO_NAMES = ("grounding-dino-base", "grounding-dino-tiny")
 _OFFLINE_NAME = "offline-vocabulary"
 
@@ -20,10 +21,13 @@ _OFFLINE_NAME = "offline-vocabulary"
 def default_detector_name() -> str:
     """Return the catalogue's name of the detector that `load_default_detector` loads.
 
-    A Grounding DINO whose file is in the models folder, otherwise the offline vocabulary, whose weights are available
-    without a model hub. The file is not verified here. A damaged file raises an error when it is loaded; another
-    detector is never used in its place.
+    An image-text encoder whose files are all in the models folder, otherwise a Grounding DINO whose file is there,
+    otherwise the offline vocabulary, whose weights are available without a model hub. Files are not verified here. A
+    damaged file raises an error when it is loaded; another detector is never used in its place.
     """
+    for name in ENCODERS:
+        if all((models_folder() / file.file).exists() for file in find_model_files(name)):
+            return name
     for name in _GROUNDING_DINO_NAMES:
         if (models_folder() / find_model_file(f"{name}-model").file).exists():
             return name
@@ -51,6 +55,10 @@ def _load(name: str, cache: Path) -> Detector:
         from .offline_vocabulary import OfflineVocabulary
 
         return OfflineVocabulary(cache)
+    if name in ENCODERS:
+        from .any_word import AnyWord
+
+        return AnyWord(name, cache)
     from .grounding_dino import GroundingDino
 
     return GroundingDino(name, cache)
