@@ -25,7 +25,7 @@ from .proposals import LARGE, Proposals, find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
-__all__ = ["Looks", "build_looks", "load_or_build_looks"]
+__all__ = ["FITTED_ODDS", "Looks", "build_looks", "load_or_build_looks"]
 
 _VERSION = "looks 8"
 
@@ -42,7 +42,7 @@ object, say little about what all of the scene resembles."""
 _LIKELY = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
-_LEAST_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+FITTED_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Log-odds, less the contrast, that give a score of 0.5. Of 230 absent words, 4 % score more."""
 
 _FALSE_ACCEPTS = 0.05
@@ -128,19 +128,24 @@ class Looks:
         PromptError
             When the detector does not know the text.
         """
+        odds = self.odds_of(text, detector)
+        return np.asarray(expit(odds - (FITTED_ODDS if detector.fitted else self.least_odds(detector))), np.float64)
+
+    def odds_of(self, text: str, detector: Detector) -> Float64:
+        """Return the log-odds of each proposal for a text, [K], compared with `least_odds`; errors as above.
+
+        Minus infinity for what no photo shows, and for all where no photo shows anything like the text.
+        """
         score = np.asarray(detector.score_descriptions(self.described, text), np.float64)
         count, mean = _count_and_mean(self.proposal, score, self.like)
-        if not mean.any():
-            return np.asarray(mean, np.float64)
-        least = _LEAST_ODDS if detector.fitted else self.least_odds(detector)
-        return np.where(count > 0, expit(self._odds(count, mean) - least), 0.0)
+        return self._odds(count, mean) if mean.any() else np.full(len(mean), -np.inf)
 
     def least_odds(self, detector: Detector) -> float:
         """Return the log-odds above which a proposal is what a word names, so that absent words are refused.
 
-        Of V words of a vocabulary, floor(0.05 (V + 1)) - 1 have a proposal with larger odds. An absent word whose best
-        odds are as likely to be the largest as those of each of these is therefore accepted with a probability of at
-        most 0.05 (split conformal prediction), whatever the detector's scores mean. Words of the vocabulary that the
+        Of the V words of `Detector.score_vocabulary`, floor(0.05 (V + 1)) - 1 have a proposal with larger odds. An
+        absent word whose best odds are as likely to be the largest as those of each of these is therefore accepted with
+        a probability of at most 0.05 (split conformal prediction), whatever the detector's scores mean. Words that the
         scene does show only lower it.
         """
         if detector.name not in self._least:

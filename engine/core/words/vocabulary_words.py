@@ -11,9 +11,11 @@ from pathlib import Path
 
 from ..files import read_text
 
-__all__ = ["ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt", "word_list"]
+__all__ = ["MADE_CLASSES", "ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt", "word_list"]
 
 _HERE = Path(__file__).parent
+MADE_CLASSES = range(398, 923)  # chosen on museum_room, store_room
+"""Classes of things that people make; those before them are animals, those behind them food, places and plants."""
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
 _AFTER_NOUN = re.compile(r"\s+(?:of|with|in|on|from|for|by|at|near|under|behind|without|made|showing)\s+.*$")
 _BETWEEN_NOUNS = re.compile(r"\s+(?:and|or)\s+")

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ...core.arrays import Float32, Int32, Int64, Mask, Pixels
 from ...core.errors import PromptError
-from ...core.words import normalised, word_list
+from ...core.words import MADE_CLASSES, normalised, word_list
 from ...install.models import models_folder
 from ...masks import mask_box
 from .crops import Background, Box, cut_out
@@ -141,8 +141,9 @@ class AnyWord:
         return [float(score) for score in self._scores(described, vector)[:, 0]]
 
     def score_vocabulary(self, described: Float32) -> Float32:
-        """Return the same for each word of the vocabulary, [n, V]; see `Detector.score_vocabulary`."""
-        return self._scores(described, self._vocabulary)
+        """Return the same for each word of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""
+        made = {word_list().classes[index].words[0] for index in MADE_CLASSES}
+        return self._scores(described, self._vocabulary[[word in made for word in self._words]])
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words of the vocabulary for the object; see `Detector.name_descriptions`."""

@@ -147,7 +147,9 @@ class Detector(Protocol):
         ...
 
     def score_vocabulary(self, described: Float32) -> Float32:
-        """Return how well each row of `described`, [n, D], matches each of V words, most of which no scene shows.
+        """Return how well each row of `described`, [n, D], matches each of V words, few of which a scene shows.
+
+        They name things that people make, as most texts do. Animals look so unlike these that they refuse too little.
 
         Returns
         -------

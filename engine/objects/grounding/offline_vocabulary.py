@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
 from ...core.errors import PromptError
+from ...core.words import MADE_CLASSES
 from ...install.models import locate, models_folder, multiplies_bfloat16
 from ...masks import mask_box
 from .crops import WHITE, Box, cut_out
@@ -159,10 +160,10 @@ class OfflineVocabulary:
         return [float(score) for score in scores.reshape(len(described), -1).mean(axis=1)] if len(rows) else []
 
     def score_vocabulary(self, described: Float32) -> Float32:
-        """Return the score of each class, [n, 1000]; see `Detector.score_vocabulary`."""
-        rows = _rows(described)
+        """Return the score of each class of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""
+        rows = _rows(described)[:, MADE_CLASSES.start : MADE_CLASSES.stop]
         scores = rows / (rows + _MIDPOINT)
-        return np.asarray(scores.reshape(len(described), -1, N_CLASSES).mean(axis=1), np.float32)
+        return np.asarray(scores.reshape(len(described), -1, len(MADE_CLASSES)).mean(axis=1), np.float32)
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words for the object of all rows; see `Detector.name_descriptions`.
