@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ...core.errors import ModelFileError
 
-__all__ = ["CATALOGUE", "GROUPS", "ModelFile", "find_model_file", "find_model_files"]
+__all__ = ["ANY_WORD_MODEL", "CATALOGUE", "GROUPS", "ModelFile", "find_model_file", "find_model_files"]
 
 
 @dataclass(frozen=True)
@@ -352,6 +352,9 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "siglip-2-base": ("siglip-2-base-vision", "siglip-2-base-text", "siglip-2-base-tokenizer"),
 }
 """Model name to the names of the files that the model consists of."""
+
+ANY_WORD_MODEL = "clip-vit-b-32"
+"""Model that is offered where the offline vocabulary does not know a word or refuses it."""
 
 
 def find_model_file(name: str) -> ModelFile:

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .default import default_detector_name, load_default_detector, load_detector, stored_describers
+    from .default import default_detector_name, load_default_detector, load_detector, offered_model, stored_describers
     from .detector import Detector
 
-__all__ = ["Detector", "default_detector_name", "load_default_detector", "load_detector", "stored_describers"]
+__all__ = [
+    "Detector",
+    "default_detector_name",
+    "load_default_detector",
+    "load_detector",
+    "offered_model",
+    "stored_describers",
+]
 
 __getattr__ = lazy_exports(__name__, __file__)

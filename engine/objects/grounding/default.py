@@ -7,11 +7,11 @@ import logging
 from pathlib import Path
 
 from ...core.errors import ModelFileError
-from ...install.models import find_model_file, find_model_files, models_folder
+from ...install.models import ANY_WORD_MODEL, find_model_file, find_model_files, models_folder
 from .detector import Detector
 from .image_text import ENCODERS
 
-__all__ = ["default_detector_name", "load_default_detector", "load_detector", "stored_describers"]
+__all__ = ["default_detector_name", "load_default_detector", "load_detector", "offered_model", "stored_describers"]
 
 _LOG = logging.getLogger(__name__)
 # In order of preference, after the encoders; the paper uses the base model.
@@ -42,6 +42,11 @@ def stored_describers() -> list[str]:
     folder = models_folder()
     stored = [name for name in ENCODERS if all((folder / file.file).exists() for file in find_model_files(name))]
     return [*stored, _OFFLINE_NAME]
+
+
+def offered_model(detector: str) -> str:
+    """Return the model to offer where `detector` does not know or find a word; empty where it knows all words."""
+    return ANY_WORD_MODEL if detector == _OFFLINE_NAME else ""
 
 
 def load_default_detector() -> Detector:
