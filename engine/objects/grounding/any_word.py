@@ -137,8 +137,14 @@ class AnyWord:
         PromptError
             When the prompt is empty or too long.
         """
-        vector = self._encoder.of_words([_required(prompt)])
+        vector = self._encoder.of_words(self._asked(prompt)).mean(axis=0, keepdims=True)
+        vector /= np.linalg.norm(vector)
         return [float(score) for score in self._scores(described, vector)[:, 0]]
+
+    def _asked(self, prompt: str) -> Sequence[str]:
+        """Return the text of a prompt, or the English words for a German or French one where the encoder needs them."""
+        text = _required(prompt)
+        return [text] if self._encoder.kind.knows_languages else word_list().english_of(text) or [text]
 
     def score_vocabulary(self, described: Float32) -> Float32:
         """Return the same for each word of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""

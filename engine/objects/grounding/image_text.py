@@ -39,6 +39,8 @@ class EncoderKind:
         Outputs with the vectors.
     phrasings : tuple of str
         The vector of a word is the mean over them.
+    knows_languages : bool
+        Whether it was trained on texts of many languages.
     """
 
     side: int
@@ -50,6 +52,7 @@ class EncoderKind:
     picture_output: str
     text_output: str
     phrasings: tuple[str, ...]
+    knows_languages: bool = False
 
 
 _CLIP = EncoderKind(
@@ -75,6 +78,7 @@ _SIGLIP_2 = EncoderKind(
     text_output="pooler_output",
     # The published one. A text costs as much as a picture here, because it always has 64 tokens.
     phrasings=("This is a photo of {}.",),
+    knows_languages=True,
 )
 ENCODERS: dict[str, EncoderKind] = {
     "siglip-2-base": _SIGLIP_2,

@@ -87,9 +87,10 @@ class Vocabulary:
             nearest = np.argsort(-similarities, kind="stable")[:_MAX_NAMED]
             near = [(self.name(int(i)), round(float(similarities[i]), 3)) for i in nearest]
             matches = [(word, similarity) for word, similarity in near if similarity >= _MIN_SUGGESTED]
-        unknown = f"{prompt.strip()!r} is outside the offline vocabulary, whose words are English"
+        languages = "whose words are English, some also German and French"
+        unknown = f"{prompt.strip()!r} is outside the offline vocabulary, {languages}"
         if not matches:
-            return PromptCheck(False, [], f"{unknown}. Use another English word, or click on the object instead.")
+            return PromptCheck(False, [], f"{unknown}. Use another word, or click on the object instead.")
         words = ", ".join(word for word, _ in matches)
         return PromptCheck(
             False,

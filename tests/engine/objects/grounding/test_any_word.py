@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +114,27 @@ def test_scores_of_the_vocabulary_are_those_of_its_words(any_word: AnyWord) -> N
     for word in ("vase", "teapot", "acoustic guitar"):
         own = all_words[:, made.index(word)]
         np.testing.assert_allclose(any_word.score_descriptions(described, word), own, atol=1e-5)
+
+
+def test_german_word_is_asked_in_english_of_an_encoder_that_knows_no_other_language(
+    any_word: AnyWord, encoder: ImageTextEncoder
+) -> None:
+    described = np.hstack([_unit(4, seed=7), _unit(4, seed=8), np.zeros((4, 1))]).astype(np.float32)
+    np.testing.assert_array_equal(
+        any_word.score_descriptions(described, "Teekanne"), any_word.score_descriptions(described, "teapot")
+    )
+    asked: list[list[str]] = []
+
+    class Listening(ImageTextEncoder):
+        def of_words(self, words):  # type: ignore[no-untyped-def]
+            asked.append(list(words))
+            return encoder.of_words(words)
+
+    listening = Listening.__new__(Listening)
+    listening.__dict__.update(encoder.__dict__)
+    listening.kind = replace(encoder.kind, knows_languages=True)
+    AnyWord.from_encoder(listening, any_word._classifier, None).score_descriptions(described, "Teekanne")
+    assert asked[0] == ["teekanne"]
 
 
 def test_object_that_looks_like_a_word_is_named_by_it_and_scores_highest_for_it(

@@ -24,7 +24,7 @@ export function createObjects(context, { stage, clicks }) {
     "form",
     { class: "prompt", onsubmit: (event) => (event.preventDefault(), during(isolate, isolateWords)) },
     h("div", { class: "row bottom" }, field("Which object?", words), isolate),
-    h("p", { class: "hint" }, "In English. Separate several objects by commas."),
+    h("p", { class: "hint" }, "In English, many things also in German or French. Separate several objects by commas."),
   );
   const progress = createProgress(context, { compact: true });
   const told = h("p", { class: "quiet", hidden: true });
