@@ -99,7 +99,8 @@ def french(into_english: Iterable[str], from_english: Iterable[str]) -> Weights:
 
 
 def _entries(lines: Iterable[str]) -> Iterator[tuple[str, list[str]]]:
-    head, senses = "", []
+    head = ""
+    senses: list[str] = []
     for line in (one.rstrip("\n") for one in lines):
         if " /" in line and line.rstrip().endswith(("/", ">")):
             if head:

@@ -17,12 +17,16 @@ __all__ = ["fetch", "fetch_model"]
 
 
 def fetch_model(name: str, *, emit: Emit, should_stop: StopCheck, offline: Path | None = None) -> None:
-    """Fetch all files of a model that are missing or damaged; arguments and errors as of `fetch`.
+    """Fetch all files of a model that are missing or damaged; errors as of `fetch`.
 
     Parameters
     ----------
     name : str
         A model or a file of the catalogue.
+    emit : Emit
+        Receives a `Progress` of stage ``models`` for each file.
+    should_stop : StopCheck
+        Called repeatedly during a download.
     offline : Path or None
         Folder with the files, in place of the network.
     """
