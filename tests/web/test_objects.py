@@ -143,7 +143,13 @@ def test_model_for_any_word_is_offered_with_size_licence_and_time(scene: Page) -
     expect(offer).to_be_visible(timeout=RUN_MS)
     offer.click()
     dialog = scene.get_by_role("dialog", name="Fetch a model that knows any word?")
-    for told in ("clip-vit-b-32, 155.8 MB", "takes about a minute, once", "MIT", "commercial use included"):
+    for told in (
+        "clip-vit-b-32, 155.8 MB",
+        "takes about a minute, once",
+        "not tested",
+        "MIT",
+        "commercial use included",
+    ):
         expect(dialog).to_contain_text(told)
     keep_picture(scene, "state_any_word")
     dialog.get_by_role("button", name="Cancel").click()

@@ -146,8 +146,8 @@ export function createObjects(context, { stage, clicks }) {
 
   /** Fetch a model that knows more words, once for all projects, and ask for the refused words again. */
   async function knowAnyWord(offer) {
-    const told = `${offer.model}, ${megabytes(offer.bytes)}. It is fetched once for all projects; then describing a scene takes about a minute, once. Licence: ${offer.licence}. Who may use it: ${offer.users}.`;
-    if (await confirmed("Fetch a model that knows any word?", told, "Fetch and ask again")) await run({ any_word: true });
+    const told = `${offer.model}, ${megabytes(offer.bytes)}. It is fetched once for all projects; then describing a scene takes about a minute, once. It was not tested with its real weights yet. Licence: ${offer.licence}. Who may use it: ${offer.users}.`;
+    if (await confirmed("Fetch a model that knows any word?", told, "Fetch and ask again", "main")) await run({ any_word: true });
   }
 
   /** A candidate that is an object already is lit and not stored again. */
