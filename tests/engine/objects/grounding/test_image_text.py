@@ -122,7 +122,9 @@ def test_file_with_8_bits_gives_alike_vectors(tiny: Tiny, tmp_path: Path) -> Non
     files = [tmp_path / "vision.onnx", tmp_path / "text.onnx"]
     for file in files:
         quantize_dynamic(str(tiny.folder / file.name), str(file))
-    _assert_alike(tiny, tiny.encoder_of(*files), 0.02)  # 8 bits have two digits, and errors of all layers add up; seen: 2e-3
+    _assert_alike(
+        tiny, tiny.encoder_of(*files), 0.02
+    )  # 8 bits have two digits, and errors of all layers add up; seen: 2e-3
 
 
 def test_file_with_4_bits_gives_alike_vectors(tiny: Tiny, tmp_path: Path) -> None:
