@@ -156,7 +156,8 @@ class Looks:
         scores = np.asarray(detector.score_vocabulary(self.described), np.float64)
         best = np.sort([self._odds(*_count_and_mean(self.proposal, one, self.like)).max() for one in scores.T])
         rank = int(_FALSE_ACCEPTS * (len(best) + 1))
-        return float(best[-rank]) if rank else float("inf")
+        # The next number: a word with the same odds is not accepted.
+        return float(np.nextafter(best[-rank], np.inf)) if rank else float("inf")
 
     def _odds(self, count: Int64, mean: Float64) -> Float64:
         """Return the log-odds of proposals for a word by `_count_and_mean` of its scores, [K]."""

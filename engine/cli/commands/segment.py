@@ -169,13 +169,13 @@ def _texts(
 
 
 def _fetch(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> None:
-    """Fetch the model of --fetch, which the text is then asked with."""
+    """Fetch the model of --fetch."""
     from ...install.models import fetch_model
-    from ...objects.grounding import stored_describers
+    from ...objects.grounding import WORD_MODELS
 
+    if options.fetch not in WORD_MODELS:
+        raise SettingsError(f"{options.fetch} is not a model for words. Known: {', '.join(WORD_MODELS)}.")
     fetch_model(options.fetch, emit=emit, should_stop=should_stop, offline=options.offline)
-    if options.fetch not in stored_describers():
-        raise SettingsError(f"{options.fetch} is not a model that describes objects for words. See `models list`.")
 
 
 def _camera(project: Path, view: str) -> Camera | PinholeCamera:

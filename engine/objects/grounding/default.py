@@ -11,12 +11,21 @@ from ...install.models import ANY_WORD_MODEL, find_model_file, find_model_files,
 from .detector import Detector
 from .image_text import ENCODERS
 
-__all__ = ["default_detector_name", "load_default_detector", "load_detector", "offered_model", "stored_describers"]
+__all__ = [
+    "WORD_MODELS",
+    "default_detector_name",
+    "load_default_detector",
+    "load_detector",
+    "offered_model",
+    "stored_describers",
+]
 
 _LOG = logging.getLogger(__name__)
 # In order of preference, after the encoders; the paper uses the base model.
 _GROUNDING_DINO_NAMES = ("grounding-dino-base", "grounding-dino-tiny")
 _OFFLINE_NAME = "offline-vocabulary"
+WORD_MODELS = (*ENCODERS, *_GROUNDING_DINO_NAMES, _OFFLINE_NAME)
+"""Models of the catalogue that answer words, the first that is stored before the others."""
 
 
 def default_detector_name() -> str:
@@ -66,9 +75,8 @@ def load_detector(name: str) -> Detector:
         When there is no such one, or one of its files is missing or damaged; the message then contains the command that
         fetches it.
     """
-    if name not in (*ENCODERS, *_GROUNDING_DINO_NAMES, _OFFLINE_NAME):
-        known = ", ".join((*ENCODERS, *_GROUNDING_DINO_NAMES, _OFFLINE_NAME))
-        raise ModelFileError(f"There is no model for words called {name!r}. Known: {known}.")
+    if name not in WORD_MODELS:
+        raise ModelFileError(f"There is no model for words called {name!r}. Known: {', '.join(WORD_MODELS)}.")
     return _load(name, models_folder().parent)
 
 

