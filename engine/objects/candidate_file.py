@@ -26,7 +26,15 @@ _VERSION = 1
 _ADVICE = "Ask for the text again."
 _SCHEMA = {
     "version": int,
-    "refused": [{"text": str, "message": str, "suggestions": optional([str]), "objects": optional([str])}],
+    "refused": [
+        {
+            "text": str,
+            "message": str,
+            "suggestions": optional([str]),
+            "objects": optional([str]),
+            "offer": optional(str),
+        }
+    ],
     "candidates": [{"number": int, "text": str, "score": float, "photo": str, "object": optional((str, None))}],
 }
 
@@ -66,6 +74,7 @@ def remember_candidates(
     photos: Photos | None,
     *,
     suggestions: Sequence[str] = (),
+    offer: str = "",
     alike: Sequence[str] = (),
     same: Sequence[str | None] = (),
 ) -> None:
@@ -81,6 +90,8 @@ def remember_candidates(
         Needed where there are candidates.
     suggestions : sequence of str
         Texts that may have been meant.
+    offer : str
+        Model of the catalogue that knows more words; empty for none.
     alike : sequence of str
         Ids of stored objects whose names are spelt nearly like the text.
     same : sequence of (str or None)
@@ -93,7 +104,7 @@ def remember_candidates(
     """
     stored = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
     refused = [entry for entry in stored["refused"] if entry["text"] != text] + [
-        {"text": text, "message": message, "suggestions": list(suggestions), "objects": list(alike)}
+        {"text": text, "message": message, "suggestions": list(suggestions), "objects": list(alike), "offer": offer}
     ]
     entries = [entry for entry in stored["candidates"] if entry["text"] != text]
     last = max((entry["number"] for entry in stored["candidates"]), default=0)

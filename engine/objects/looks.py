@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -20,11 +20,12 @@ from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..masks import box_ious, mask_box
 from ..project.folder import stage_key
 from .context import SegmentationContext
+from .grounding import Detector
 from .proposals import LARGE, Proposals, find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
-__all__ = ["Looks", "build_looks", "load_or_build_looks"]
+__all__ = ["FITTED_ODDS", "Looks", "build_looks", "load_or_build_looks"]
 
 _VERSION = "looks 8"
 
@@ -41,8 +42,11 @@ object, say little about what all of the scene resembles."""
 _LIKELY = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
-_LEAST_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+FITTED_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Log-odds, less the contrast, that give a score of 0.5. Of 230 absent words, 4 % score more."""
+
+_FALSE_ACCEPTS = 0.05
+"""Largest share of the words of a vocabulary that a scene accepts, of a detector to whose scores nothing was fitted."""
 
 _SET_WEIGHT = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the log-odds of the set in those of an object, to which how whole it looks is added."""
@@ -82,13 +86,15 @@ class Looks:
     photo: tuple[str, ...]
     box: Float32
     described: Float32
+    _least: dict[str, float] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """What `least_odds` returned, by the name of the detector."""
 
     def scores(self, text: str, context: SegmentationContext) -> Float64:
         """Return how much each proposal looks like a text.
 
-        A detector that describes crops is calibrated: 0.5 is the score that 5 % of the absent words of the choosing
-        rooms reach. Any other one is asked for boxes in `n_text_views` photos. A proposal then scores 0 in a photo
-        without a box that fits it, and more than 0.5 in others: the detector's own thresholds decide.
+        A detector that describes crops scores proposals by `described_scores`. Any other one is asked for boxes in
+        `n_text_views` photos. A proposal then scores 0 in a photo without a box that fits it, and more than 0.5 in
+        others: the detector's own thresholds decide.
 
         Parameters
         ----------
@@ -105,16 +111,61 @@ class Looks:
         PromptError
             When the detector does not know the text.
         """
-        describes = self.described.shape[1] > 0
-        score = context.detector.score_descriptions(self.described, text) if describes else self._boxed(text, context)
-        count, mean = _count_and_mean(self.proposal, np.asarray(score, np.float64), self.like)
-        if not describes or not mean.any():
-            return np.asarray(mean, np.float64)
+        if self.described.shape[1] > 0:
+            return self.described_scores(text, context.detector)
+        _, mean = _count_and_mean(self.proposal, self._boxed(text, context), self.like)
+        return np.asarray(mean, np.float64)
+
+    def described_scores(self, text: str, detector: Detector) -> Float64:
+        """Return how much each proposal looks like a text by its descriptions, [K], 0 to 1.
+
+        From 0.5 on, a proposal is what the text names. Where that is was fitted for the offline vocabulary: 5 % of the
+        absent words of the choosing rooms reach it. For any other detector, it is the score that 5 % of the words of a
+        vocabulary reach in this very scene, which shows hardly any of them (`least_odds`).
+
+        Raises
+        ------
+        PromptError
+            When the detector does not know the text.
+        """
+        odds = self.odds_of(text, detector)
+        return np.asarray(expit(odds - (FITTED_ODDS if detector.fitted else self.least_odds(detector))), np.float64)
+
+    def odds_of(self, text: str, detector: Detector) -> Float64:
+        """Return the log-odds of each proposal for a text, [K], compared with `least_odds`; errors as above.
+
+        Minus infinity for what no photo shows, and for all where no photo shows anything like the text.
+        """
+        score = np.asarray(detector.score_descriptions(self.described, text), np.float64)
+        count, mean = _count_and_mean(self.proposal, score, self.like)
+        return self._odds(count, mean) if mean.any() else np.full(len(mean), -np.inf)
+
+    def least_odds(self, detector: Detector) -> float:
+        """Return the log-odds above which a proposal is what a word names, so that absent words are refused.
+
+        Of the V words of `Detector.score_vocabulary`, floor(0.05 (V + 1)) - 1 have a proposal with larger odds. An
+        absent word whose best odds are as likely to be the largest as those of each of these is therefore accepted with
+        a probability of at most 0.05 (split conformal prediction), whatever the detector's scores mean. Words that the
+        scene does show only lower it.
+        """
+        if detector.name not in self._least:
+            self._least[detector.name] = self._find_least_odds(detector)
+        return self._least[detector.name]
+
+    def _find_least_odds(self, detector: Detector) -> float:
+        scores = np.asarray(detector.score_vocabulary(self.described), np.float64)
+        best = np.sort([self._odds(*_count_and_mean(self.proposal, one, self.like)).max() for one in scores.T])
+        rank = int(_FALSE_ACCEPTS * (len(best) + 1))
+        # The next number: a word with the same odds is not accepted.
+        return float(np.nextafter(best[-rank], np.inf)) if rank else float("inf")
+
+    def _odds(self, count: Int64, mean: Float64) -> Float64:
+        """Return the log-odds of proposals for a word by `_count_and_mean` of its scores, [K]."""
         odds = logit(np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE))
         described = odds[count > 0]
         resembled = (described.sum() + _N_USUAL * _USUAL_ODDS) / (len(described) + _N_USUAL)
-        odds += _LIKELY * self.odds - _CONTRAST * resembled - _LEAST_ODDS
-        return np.where(count > 0, expit(odds), 0.0)
+        found = odds + _LIKELY * self.odds - _CONTRAST * resembled
+        return np.asarray(np.where(count > 0, found, -np.inf), np.float64)
 
     def _boxed(self, text: str, context: SegmentationContext) -> Float64:
         """Return the score of each sighting by the detector's boxes; NaN in photos that are not searched."""

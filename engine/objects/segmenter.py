@@ -42,6 +42,7 @@ from .candidate_file import cut_out, forget_candidates, load_candidate, remember
 from .context import DetectorFactory, SegmentationContext, load_context
 from .detail import DetailPhotos, DetailResult, detail_object
 from .evidence import evidence_of_clicks, find_evidence, meant_by
+from .grounding import offered_model
 from .known_objects import found_again, was_changed
 from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
@@ -140,6 +141,7 @@ class Segmenter:
                 remember_candidates(
                     self.project.path, prompt.text, message, nearest, context.photos,
                     suggestions=meant_by(prompt.text, context.detector),
+                    offer=offered_model(context.detector.name),
                     alike=[ids[name] for name in alike],
                     same=[self._nearly(one.members) for one in nearest],
                 )  # fmt: skip

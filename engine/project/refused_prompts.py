@@ -17,7 +17,15 @@ __all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found"]
 
 _FILE = ("objects", "candidates.json")
 _SCHEMA = {
-    "refused": [{"message": str, "text": str, "suggestions": optional([str]), "objects": optional([str])}],
+    "refused": [
+        {
+            "message": str,
+            "text": str,
+            "suggestions": optional([str]),
+            "objects": optional([str]),
+            "offer": optional(str),
+        }
+    ],
     "candidates": optional(
         [{"number": int, "text": str, "score": float, "photo": str, "picture": str, "object": optional((str, None))}]
     ),
@@ -71,12 +79,15 @@ class Refusal:
         Prompts that may have been meant.
     object_ids : tuple of str
         Stored objects whose names are spelt nearly like it.
+    offer : str
+        Model that knows more words and can be fetched; empty for none.
     """
 
     message: str
     text: str = ""
     suggestions: tuple[str, ...] = ()
     object_ids: tuple[str, ...] = ()
+    offer: str = ""
 
 
 @dataclass(frozen=True)
@@ -92,6 +103,11 @@ class NotFound:
 
     refusals: tuple[Refusal, ...]
     candidates: tuple[Candidate, ...]
+
+    @property
+    def offer(self) -> str:
+        """Model that knows more words than that which refused; empty for none."""
+        return next((one.offer for one in self.refusals if one.offer), "")
 
 
 @read_after_change("/".join(_FILE))
@@ -116,7 +132,9 @@ def _refusal(entry: dict[str, Any]) -> Refusal:
     def few(name: str) -> tuple[str, ...]:
         return tuple(text[:_MAX_TEXT] for text in entry.get(name, ())[:_MAX_SUGGESTIONS])
 
-    return Refusal(entry["message"][:_MAX_TEXT], entry["text"][:_MAX_TEXT], few("suggestions"), few("objects"))
+    texts = (entry["message"], entry["text"], entry.get("offer", ""))
+    message, text, offer = (one[:_MAX_TEXT] for one in texts)
+    return Refusal(message, text, few("suggestions"), few("objects"), offer)
 
 
 def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:

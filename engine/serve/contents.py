@@ -7,9 +7,10 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from ..core.errors import HeritageError
+from ..core.errors import HeritageError, ModelFileError
 from ..core.files import object_file, path_within
 from ..delivery.records import describe_unit
+from ..install.models import find_model_files
 from ..project.content import ProjectObject, is_project, shown_objects
 from ..project.folder import ProjectFolder
 from ..project.objects import RECORD_FILE, load_record, state_of
@@ -56,6 +57,7 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
             "messages": [refusal.message for refusal in not_found.refusals],
             "suggestions": list(dict.fromkeys(one for refusal in not_found.refusals for one in refusal.suggestions)),
             "objects": list(dict.fromkeys(one for refusal in not_found.refusals for one in refusal.object_ids)),
+            "offer": _offer(not_found.offer),
             "candidates": [
                 {
                     "number": one.number, "text": one.text, "score": one.score, "photo": one.photo,
@@ -66,6 +68,16 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
             ],
         },
     }  # fmt: skip
+
+
+def _offer(name: str) -> dict[str, Any] | None:
+    """Return what the page tells of a model that knows more words; None for none."""
+    try:
+        files = find_model_files(name)
+    except ModelFileError:
+        return None
+    size = sum(file.size or file.approximate_size or 0 for file in files)
+    return {"model": name, "bytes": size, "licence": files[0].licence, "users": files[0].who_may_use}
 
 
 def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_n
 
-from ...engine.core.errors import HeritageError
+from ...engine.core.errors import HeritageError, ModelFileError
 from ...engine.core.files import object_file
 from ...engine.core.words import likeness
 from ...engine.objects.settings import SURE_SCORE
@@ -18,6 +18,7 @@ from ..blender.drawn_text import draw_text
 from ..language.translations import translated
 from ..project.not_stored import draw_not_stored, is_unstored
 from ..project.pictures import picture_icon
+from ..setup.model_files import find_model, megabytes
 from ..splats.properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
 
 __all__ = ["CLASSES"]
@@ -147,6 +148,8 @@ def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound, scene: bpy.typ
         _draw_meant(box, refusal, names)
     if len(not_found.refusals) > _MAX_MESSAGES:
         box.label(text=translated("... and {} more", len(not_found.refusals) - _MAX_MESSAGES))
+    if not_found.offer:
+        _draw_offer(box, not_found.offer)
     if not_found.candidates:
         box.label(text="Closest matches:")
     for candidate in not_found.candidates:
@@ -163,6 +166,13 @@ def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound, scene: bpy.typ
         column.label(text=f"{candidate.text}?")
         draw_text(column, translated(_LIKENESS[likeness(candidate.score, SURE_SCORE)], candidate.text))
         column.operator("heritage.accept_candidate", text="Isolate").number = candidate.number
+
+
+def _draw_offer(box: bpy.types.UILayout, name: str) -> None:
+    """Draw the button that fetches a model which knows more words; nothing for one that this version does not know."""
+    with contextlib.suppress(ModelFileError):
+        label = translated("Know Any Word ({}) ...", megabytes(find_model(name)))
+        box.operator("heritage.know_any_word", text=label, icon="IMPORT")
 
 
 def _draw_meant(box: bpy.types.UILayout, refusal: Refusal, names: dict[str, str]) -> None:

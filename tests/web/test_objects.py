@@ -137,6 +137,26 @@ def test_same_word_in_capitals_is_the_same_object(scene: Page) -> None:
 
 
 @pytest.mark.web
+def test_model_for_any_word_is_offered_with_size_licence_and_time(scene: Page) -> None:
+    isolate(scene, "xylograph")
+    offer = scene.get_by_role("button", name="Know any word (155.8 MB)")
+    expect(offer).to_be_visible(timeout=RUN_MS)
+    offer.click()
+    dialog = scene.get_by_role("dialog", name="Fetch a model that knows any word?")
+    for told in (
+        "clip-vit-b-32, 155.8 MB",
+        "takes about a minute, once",
+        "not tested",
+        "MIT",
+        "commercial use included",
+    ):
+        expect(dialog).to_contain_text(told)
+    keep_picture(scene, "state_any_word")
+    dialog.get_by_role("button", name="Cancel").click()
+    expect(dialog).to_be_hidden()
+
+
+@pytest.mark.web
 def test_suggested_word_is_pressed(scene: Page) -> None:
     isolate(scene, "tepot")
     words = scene.get_by_role("group", name="Words to try")

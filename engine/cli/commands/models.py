@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...core.errors import HeritageError, ModelFileError
+from ...core.errors import HeritageError, ModelFileError, SettingsError
 from ...core.events import Emit, Finished, StopCheck, part_of
 
 if TYPE_CHECKING:
@@ -15,15 +18,32 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
 
 NAME = "models"
-HELP = "List, fetch or verify the weight files the engine uses."
+_EVALUATE = "evaluate-words"
+_DEMO_ROOMS = ("museum_room", "store_room")
+HELP = "List, fetch or verify the weight files the engine uses, or measure those that find words."
 EXAMPLE = "python -m engine models fetch"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("action", choices=("list", "fetch", "verify"))
     parser.add_argument(
-        "names", nargs="*", help="models or files from `models list` (default: all that are not optional)"
+        "action",
+        choices=("list", "fetch", "verify", _EVALUATE),
+        help=f"{_EVALUATE}: print how many words models find on the true outlines of rooms",
+    )
+    parser.add_argument(
+        "names",
+        nargs="*",
+        help="models or files from `models list` (default: all that are not optional; "
+        f"{_EVALUATE}: all stored models for words that describe crops)",
+    )
+    parser.add_argument(
+        "--rooms",
+        nargs="+",
+        type=Path,
+        default=[],
+        metavar="FOLDER",
+        help=f"{_EVALUATE}: folders with `photos` and `truth` (default: the rooms in demo of the repository)",
     )
     parser.add_argument(
         "--from",
@@ -61,6 +81,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """List, fetch or verify the selected weight files."""
     from ...install.models import fetch, locate
 
+    if options.action == _EVALUATE:
+        return _evaluate_words(options, emit, should_stop)
+    if options.rooms:
+        raise ModelFileError(f"--rooms can only be used with `models {_EVALUATE}`.")
     if options.offline is not None:
         if options.action != "fetch":
             raise ModelFileError("--from can only be used with `models fetch`.")
@@ -94,3 +118,23 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         lines.append(f"    {states[model.name]}")
     emit(Finished("\n".join(lines), {"models": states, "problems": problems}))
     return 1 if problems and options.action == "verify" else 0
+
+
+def _evaluate_words(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
+    """Print the table of models on rooms."""
+    if find_spec("...quality", __package__) is None:
+        raise SettingsError(f"`models {_EVALUATE}` needs a checkout of the repository: the extension has no rooms.")
+    repository = Path(__file__).parents[3]
+    rooms = options.rooms or [repository / "demo" / name for name in _DEMO_ROOMS]
+    for room in rooms:
+        if not ((room / "photos").is_dir() and (room / "truth").is_dir()):
+            raise SettingsError(f"{room} has no folders photos and truth. Name rooms of the repository with --rooms.")
+    from ...objects.grounding import load_detector, stored_describers
+    from ...quality.evaluation import evaluate_outlines, outline_table
+
+    detectors = [(name, partial(load_detector, name)) for name in options.names or stored_describers()]
+    figures = []
+    for number, room in enumerate(rooms):
+        figures += evaluate_outlines(room, detectors, part_of(emit, number, len(rooms)), should_stop)
+    emit(Finished(outline_table(figures), {"figures": [asdict(one) for one in figures]}))
+    return 0

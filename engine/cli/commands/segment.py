@@ -71,6 +71,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where left and right of a text are seen from: the name of a photo, or a camera as of `render --camera`, "
         "its file or its JSON (default: the photo that shows most)",
     )  # fmt: skip
+    parser.add_argument(
+        "--fetch", metavar="MODEL",
+        help="first fetch a model that knows more words, see `models list`; the text is asked then",
+    )  # fmt: skip
+    parser.add_argument(
+        "--from", dest="offline", type=Path, metavar="FOLDER",
+        help="copy the files of --fetch from FOLDER instead of using the network",
+    )  # fmt: skip
     parser.add_argument("--name", help="name of the object (default: the text, or 'object')")
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="preset of the method (default: %(default)s)"
@@ -114,6 +122,10 @@ def _action(options: argparse.Namespace) -> str:
         raise SettingsError("--level requires --refine.")
     if options.seen_from is not None and action != "prompt":
         raise SettingsError("--seen-from requires --prompt.")
+    if options.fetch is not None and action != "prompt":
+        raise SettingsError("--fetch requires --prompt.")
+    if options.offline is not None and options.fetch is None:
+        raise SettingsError("--from requires --fetch.")
     if options.name is not None and action in ("all", "complement", "refine", "detail"):
         raise SettingsError(f"--name cannot be combined with --{action}.")
     return action
@@ -145,6 +157,8 @@ def _texts(
             "named after its text. A text in quotation marks is one."
         )
     camera = None if options.seen_from is None else _camera(project.path, options.seen_from)
+    if options.fetch is not None:
+        _fetch(options, emit, should_stop)
     segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
     records, refused = segmenter.segment_texts(texts, options.name, camera)
     message, outputs = _stored(records, before, segmenter)
@@ -152,6 +166,16 @@ def _texts(
         outputs["refused"] = refused
         outputs["candidates"] = CANDIDATES
     return message, outputs
+
+
+def _fetch(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> None:
+    """Fetch the model of --fetch."""
+    from ...install.models import fetch_model
+    from ...objects.grounding import WORD_MODELS
+
+    if options.fetch not in WORD_MODELS:
+        raise SettingsError(f"{options.fetch} is not a model for words. Known: {', '.join(WORD_MODELS)}.")
+    fetch_model(options.fetch, emit=emit, should_stop=should_stop, offline=options.offline)
 
 
 def _camera(project: Path, view: str) -> Camera | PinholeCamera:

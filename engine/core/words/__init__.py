@@ -5,9 +5,10 @@ Standard library only: Blender and the server split prompts as the engine does.
 
 from .alike import Likeness, likeness
 from .splitting import join_texts, split_list, split_texts
-from .vocabulary_words import normalised, similarly_spelt, word_list
+from .vocabulary_words import MADE_CLASSES, normalised, similarly_spelt, word_list
 
 __all__ = [
+    "MADE_CLASSES",
     "Likeness",
     "join_texts",
     "likeness",

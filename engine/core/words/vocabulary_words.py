@@ -5,17 +5,30 @@ from __future__ import annotations
 import difflib
 import functools
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..files import read_text
 
-__all__ = ["ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt", "word_list"]
+__all__ = [
+    "FOREIGN_FILE", "MADE_CLASSES", "ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt",
+    "singulars", "word_list",
+]  # fmt: skip
 
 _HERE = Path(__file__).parent
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue"})
+FOREIGN_FILE = _HERE / "foreign_words.txt"
+MADE_CLASSES = range(398, 923)  # chosen on museum_room, store_room
+"""Classes of things that people make; those before them are animals, those behind them food, places and plants."""
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
 _AFTER_NOUN = re.compile(r"\s+(?:of|with|in|on|from|for|by|at|near|under|behind|without|made|showing)\s+.*$")
+_AFTER_FOREIGN_NOUN = re.compile(
+    r"\s+(?:mit|aus|von|vom|auf|im|in|am|an|bei|für|ohne|unter|neben|en|de|du|des|à|au|aux|avec|sans|sur|dans)\s+.*$"
+)
+_FOREIGN_ARTICLE = re.compile(r"^(?:der|die|das|den|dem|des|ein|eine|einen|einem|einer|eines|le|la|les|un|une|du)\s+")
+_ELISION = re.compile(r"^[ld]['’]")
 _BETWEEN_NOUNS = re.compile(r"\s+(?:and|or)\s+")
 _MIN_LIKENESS = 0.75  # chosen on prompt_words
 """Smallest ratio of `difflib.SequenceMatcher` of a word and a misspelling of it: one wrong letter of four."""
@@ -48,13 +61,44 @@ class WordList:
 
     classes: tuple[ClassWords, ...]
     classes_of_word: dict[str, frozenset[int]]
+    foreign: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Words of `classes_of_word` by German and French names for them, as in ``foreign_words.txt``."""
 
     def classes_of(self, text: str) -> frozenset[int]:
         """Return the classes with a word equal to the text, its singular, or its noun ("a red vase with handles").
 
-        A text of several nouns ("vase and teapot", given in quotation marks) has the classes of each. Empty when no
-        word is equal.
+        A text of several nouns ("vase and teapot", given in quotation marks) has the classes of each. English words
+        come before German and French names. Empty when no word and no name is equal.
         """
+        english = self._english_classes(text)
+        return english or frozenset().union(*(self.classes_of_word[word] for word in self._translated(text)))
+
+    def english_of(self, text: str) -> tuple[str, ...]:
+        """Return the words of the vocabulary for a German or French text; empty for any other one."""
+        return () if self._english_classes(text) else self._translated(text)
+
+    def _translated(self, text: str) -> tuple[str, ...]:
+        plain = normalised(_ELISION.sub("", _FOREIGN_ARTICLE.sub("", text.strip().lower())))
+        words = _AFTER_FOREIGN_NOUN.sub("", plain).split()
+        # In French, what describes a thing stands behind it.
+        for phrase in (*_endings(" ".join(words)), *(" ".join(words[:n]) for n in range(len(words) - 1, 0, -1))):
+            for form in (*singulars(phrase), phrase.removesuffix("x")):
+                if found := self._folded.get(_folded(form)):
+                    return found
+                if form in self.classes_of_word:
+                    return (form,)
+        return ()
+
+    @functools.cached_property
+    def _folded(self) -> dict[str, tuple[str, ...]]:
+        """The foreign names without accents, German ones also with ae, oe and ue."""
+        names: dict[str, tuple[str, ...]] = {}
+        for name, words in self.foreign.items():
+            for form in (_folded(name), _folded(name.lower().translate(_UMLAUTS))):
+                names[form] = tuple(dict.fromkeys((*names.get(form, ()), *words)))
+        return names
+
+    def _english_classes(self, text: str) -> frozenset[int]:
         whole = normalised(text)
         noun = _AFTER_NOUN.sub("", whole)
         # The longest ending is tried first: "church bell" is a heritage word and must have priority over "bell".
@@ -66,7 +110,7 @@ class WordList:
     def _first_known(self, texts: Iterable[str]) -> frozenset[int]:
         for text in texts:
             # Words are also joined: "tea pot" is a teapot, not a pot.
-            for form in (*_singulars(text), *_singulars(text.replace(" ", ""))):
+            for form in (*singulars(text), *singulars(text.replace(" ", ""))):
                 if form in self.classes_of_word:
                     return self.classes_of_word[form]
         return frozenset()
@@ -74,12 +118,14 @@ class WordList:
     def misspelt(self, text: str, is_english: Callable[[str], bool]) -> list[str]:
         """Return at most three words that are spelt nearly like the text or its noun, the nearest first.
 
-        None for what has only words that `is_english` knows: those are spelt as they are meant.
+        None for what has only words that `is_english` knows: those are spelt as they are meant. German and French names
+        are among them.
         """
         whole = normalised(text)
         noun = _AFTER_NOUN.sub("", whole)
         wrong = [one for one in (whole, noun, noun.rpartition(" ")[2]) if not all(map(is_english, one.split()))]
-        return similarly_spelt([form for one in wrong for form in _singulars(one)], self.classes_of_word)
+        forms = [form for one in wrong for form in singulars(one)]
+        return similarly_spelt(forms, [*self.classes_of_word, *self.foreign])
 
 
 @functools.cache
@@ -97,7 +143,8 @@ def word_list() -> WordList:
     for word, spans in _read_rows("broader_words.txt"):
         ends = [span.partition("-") for span in spans.split()]
         classes_of_word[word] = {k for first, _, last in ends for k in range(int(first), int(last or first) + 1)}
-    return WordList(classes, {word: frozenset(indices) for word, indices in classes_of_word.items()})
+    foreign = {name: tuple(words.split("; ")) for name, words in _read_rows(FOREIGN_FILE.name)}
+    return WordList(classes, {word: frozenset(indices) for word, indices in classes_of_word.items()}, foreign)
 
 
 @functools.cache
@@ -142,13 +189,19 @@ def similarly_spelt(texts: Iterable[str], words: Iterable[str]) -> list[str]:
     return [by_lower[word] for word in nearest[:_MAX_SUGGESTIONS]]
 
 
+def _folded(text: str) -> str:
+    """Return a text in lower case without accents."""
+    parts = unicodedata.normalize("NFKD", text.casefold())
+    return "".join(one for one in parts if not unicodedata.combining(one))
+
+
 def _endings(text: str) -> list[str]:
     """Return the text without its first words, the longest first."""
     words = text.split()
     return [" ".join(words[i:]) for i in range(len(words))]
 
 
-def _singulars(text: str) -> list[str]:
+def singulars(text: str) -> list[str]:
     """Return `text` and the words that it may be the plural of."""
     forms = [text]
     if text.endswith("ies"):

@@ -9,17 +9,19 @@ from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .cache import locate, models_folder
-    from .catalogue import CATALOGUE, ModelFile, find_model_file, find_model_files
-    from .fetching import fetch
+    from .catalogue import ANY_WORD_MODEL, CATALOGUE, ModelFile, find_model_file, find_model_files
+    from .fetching import fetch, fetch_model
     from .onnx_session import gpu_provider_is_installed, open_gpu_session, open_session
     from .onnx_weights import read_onnx_weights
     from .packages import folder_contains
     from .processor import multiplies_bfloat16, one_thread
 
 __all__ = [
+    "ANY_WORD_MODEL",
     "CATALOGUE",
     "ModelFile",
     "fetch",
+    "fetch_model",
     "find_model_file",
     "find_model_files",
     "folder_contains",

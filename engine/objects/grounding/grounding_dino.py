@@ -88,6 +88,8 @@ class GroundingDino:
     Liu et al., "Grounding DINO: Marrying DINO with Grounded Pre-Training for Open-Set Object Detection", 2023.
     """
 
+    fitted = False
+
     def __init__(
         self,
         name: str = "grounding-dino-tiny",
@@ -202,6 +204,10 @@ class GroundingDino:
 
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_descriptions`."""
+        raise NotImplementedError(f"{self.name} returns no descriptions")
+
+    def score_vocabulary(self, described: Float32) -> Float32:
+        """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_vocabulary`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
 
     def whole_odds(self, described: Float32) -> Float32:

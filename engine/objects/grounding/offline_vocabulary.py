@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 
 from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
 from ...core.errors import PromptError
+from ...core.words import MADE_CLASSES
 from ...install.models import locate, models_folder, multiplies_bfloat16
 from ...masks import mask_box
+from .crops import WHITE, Box, cut_out
 from .detector import Detection, PromptCheck
 from .efficientnet import INPUT_SIDE, N_FEATURES, EfficientNetLite2
 from .row_cache import RowCache
@@ -33,13 +35,6 @@ from .windows import find_windows
 
 __all__ = ["OfflineVocabulary"]
 
-Box = tuple[float, float, float, float]
-
-# Margin of a masked crop on each side, as a fraction of its size. Margin and white background were chosen by
-# measurement, see docs/design_notes/grounding.md.
-_MARGIN = 0.2  # chosen on museum_room
-_WHITE = 255
-_DIMMED = 0.33  # chosen on room_1, room_2, room_4, room_7
 _BATCH_SIZE = 4
 _BLUR = 0.4
 """Standard deviation, in pixels of a reduced crop, of the blur that prevents aliasing."""
@@ -73,6 +68,8 @@ class OfflineVocabulary:
     ModelFileError
         When a weight file is missing or damaged; the message contains the command that fetches it.
     """
+
+    fitted = True
 
     def __init__(self, cache: Path | None = None) -> None:
         self.name = "offline-vocabulary"
@@ -161,6 +158,12 @@ class OfflineVocabulary:
         rows = _rows(described)
         scores = np.array([_score(_total_probability(row, class_weights)) for row in rows])
         return [float(score) for score in scores.reshape(len(described), -1).mean(axis=1)] if len(rows) else []
+
+    def score_vocabulary(self, described: Float32) -> Float32:
+        """Return the score of each class of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""
+        rows = _rows(described)[:, MADE_CLASSES.start : MADE_CLASSES.stop]
+        scores = rows / (rows + _MIDPOINT)
+        return np.asarray(scores.reshape(len(described), -1, len(MADE_CLASSES)).mean(axis=1), np.float32)
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words for the object of all rows; see `Detector.name_descriptions`.
@@ -309,21 +312,13 @@ def _box_of(mask: Mask) -> Box:
 
 def _crop(pixels: Pixels, box: Box, mask: Mask | None, dimmed: bool) -> Pixels:
     """Return a square crop around `box`, resized to the classifier's input, shape [260, 260, 3]."""
-    margin = 0.0 if mask is None else _MARGIN
-    side = max(box[2] - box[0], box[3] - box[1], 1.0) * (1 + 2 * margin)
-    left, top = (box[0] + box[2] - side) / 2, (box[1] + box[3] - side) / 2
-    x0, y0 = max(0, int(np.floor(left))), max(0, int(np.floor(top)))
-    x1, y1 = min(pixels.shape[1], int(np.ceil(left + side))), min(pixels.shape[0], int(np.ceil(top + side)))
-    part = pixels[y0:y1, x0:x1].astype(np.float32)
-    if mask is not None:
-        outside = ~mask[y0:y1, x0:x1]
-        part[outside] = _DIMMED * part[outside] if dimmed else _WHITE
-    scale = INPUT_SIDE / side
+    cut = cut_out(pixels, box, mask, "dimmed" if dimmed else "white")
+    part, scale = cut.pixels, INPUT_SIDE / cut.side
     if scale < 1:
         # Prevents aliasing, because warpAffine interpolates between four pixels at any scale.
         part = cv2.GaussianBlur(part, (0, 0), _BLUR / scale)
     target_from_part = np.array(
-        [[scale, 0, (x0 - left + 0.5) * scale - 0.5], [0, scale, (y0 - top + 0.5) * scale - 0.5]]
+        [[scale, 0, (cut.x - cut.left + 0.5) * scale - 0.5], [0, scale, (cut.y - cut.top + 0.5) * scale - 0.5]]
     )
     crop = cv2.warpAffine(
         part,
@@ -331,6 +326,6 @@ def _crop(pixels: Pixels, box: Box, mask: Mask | None, dimmed: bool) -> Pixels:
         (INPUT_SIDE, INPUT_SIDE),
         flags=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(_WHITE,) * 3,
+        borderValue=(WHITE,) * 3,
     )
     return np.asarray(np.clip(np.rint(crop), 0, 255), np.uint8)

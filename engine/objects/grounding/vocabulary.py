@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ...core.arrays import Float32, Int64
-from ...core.errors import FormatError, PromptError
-from ...core.files import ArraySpec, atomic_write, read_array
+from ...core.errors import PromptError
 from ...core.words import normalised, word_list
-from ...project.folder import stage_key
 from .detector import PromptCheck
+from .kept_vectors import kept_vectors
 from .sentences import SentenceEncoder
 
 __all__ = ["N_CLASSES", "Vocabulary"]
@@ -88,9 +87,10 @@ class Vocabulary:
             nearest = np.argsort(-similarities, kind="stable")[:_MAX_NAMED]
             near = [(self.name(int(i)), round(float(similarities[i]), 3)) for i in nearest]
             matches = [(word, similarity) for word, similarity in near if similarity >= _MIN_SUGGESTED]
-        unknown = f"{prompt.strip()!r} is outside the offline vocabulary, whose words are English"
+        languages = "whose words are English, some also German and French"
+        unknown = f"{prompt.strip()!r} is outside the offline vocabulary, {languages}"
         if not matches:
-            return PromptCheck(False, [], f"{unknown}. Use another English word, or click on the object instead.")
+            return PromptCheck(False, [], f"{unknown}. Use another word, or click on the object instead.")
         words = ", ".join(word for word, _ in matches)
         return PromptCheck(
             False,
@@ -119,26 +119,11 @@ class Vocabulary:
         words = [word for entry in self._list.classes for word in entry.words]
         class_of_word = np.array([index for index, entry in enumerate(self._list.classes) for _ in entry.words])
         definitions = [f"{', '.join(entry.words)}: {entry.definition}" for entry in self._list.classes]
-        vectors = self._encode_cached(words + definitions)
+        vectors = kept_vectors(
+            self._derived, words + definitions, self._encoder.encode,
+            fingerprint=self._encoder.fingerprint, width=self._encoder.width,
+        )  # fmt: skip
         return vectors[: len(words)], vectors[len(words) :], class_of_word
-
-    def _encode_cached(self, texts: list[str]) -> Float32:
-        file = None
-        if self._derived is not None:
-            file = self._derived / f"class-words-{stage_key(texts, self._encoder.fingerprint)[:16]}.npy"
-            spec = ArraySpec("float32", (len(texts), self._encoder.width), finite=True)
-            try:
-                return read_array(file, spec, advice="It is computed again.")
-            except FormatError:
-                pass  # missing or damaged: computed again below, and replaced
-        # Texts of similar length are encoded together, because padding would otherwise cost more than the words.
-        order = np.argsort([len(text) for text in texts], kind="stable")
-        vectors = np.empty((len(texts), self._encoder.width), np.float32)
-        vectors[order] = self._encoder.encode([texts[i] for i in order])
-        if file is not None:
-            with atomic_write(file) as stream:
-                np.save(stream, vectors)
-        return vectors
 
 
 def _normalised(prompt: str) -> str:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .document import write_section
     from .ground_truth import GroundTruth, read_ground_truth
     from .isolation import evaluate_project
+    from .outlines import evaluate_outlines, outline_table
     from .results import Evaluation, mean_of
     from .results_file import read_results, write_results
     from .summary import Summary, summarise
@@ -22,9 +23,11 @@ __all__ = [
     "Evaluation",
     "Summary",
     "data_of",
+    "evaluate_outlines",
     "evaluate_project",
     "markdown",
     "mean_of",
+    "outline_table",
     "read_ground_truth",
     "read_results",
     "summarise",

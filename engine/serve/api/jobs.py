@@ -10,8 +10,9 @@ from pydantic import BaseModel, Field
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
+from ...project.refused_prompts import read_not_found
 from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
-from ...workers.jobs import Click, click_arguments, refine_arguments, text_arguments
+from ...workers.jobs import Click, any_word_arguments, click_arguments, refine_arguments, text_arguments
 from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import has_scene
 from ..library import WebProject
@@ -55,9 +56,10 @@ class Frames(BaseModel):
 
 
 class Segmentation(BaseModel):
-    """A scene to objects, by exactly one of prompt, clicks, find_all, background, accept and detail.
+    """A scene to objects, by exactly one of prompt, clicks, find_all, background, accept, detail and any_word.
 
-    `detail` is for `object`, or for all objects without one.
+    `detail` is for `object`, or for all objects without one; `any_word` fetches the model that was offered for texts
+    that were not found, and asks for them again.
     """
 
     kind: Literal["segment"]
@@ -68,6 +70,7 @@ class Segmentation(BaseModel):
     find_all: bool = False
     background: bool = False
     detail: bool = False
+    any_word: bool = False
     accept: int | None = Field(default=None, ge=0, le=1000)
 
 
@@ -117,8 +120,9 @@ def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSett
     if not has_scene(project):
         raise ProjectError("The scene is not reconstructed yet.")
     ways = [bool(wanted.prompt.strip()), bool(wanted.clicks), wanted.find_all, wanted.background, wanted.detail]
+    ways.append(wanted.any_word)
     if sum(ways) + (wanted.accept is not None) != 1:
-        raise SettingsError("Give exactly one of prompt, clicks, find_all, background, accept and detail.")
+        raise SettingsError("Give exactly one of prompt, clicks, find_all, background, accept, detail and any_word.")
     if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
         raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
     return ["segment", str(project.project), *_prompt(project, wanted), *_device(settings)]
@@ -136,6 +140,8 @@ def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
         return ["--complement"]
     if wanted.detail:
         return [f"--detail={_known_object(project, wanted.object)}"] if wanted.object else ["--detail"]
+    if wanted.any_word:
+        return _any_word(project)
     if wanted.accept is not None:
         return [f"--accept={wanted.accept}"]
     if wanted.prompt.strip():
@@ -148,6 +154,13 @@ def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
     if wanted.object:
         return refine_arguments(_known_object(project, wanted.object), clicks)
     return click_arguments(clicks, name)
+
+
+def _any_word(project: WebProject) -> list[str]:
+    not_found = read_not_found(project.project)
+    if not_found is None or not not_found.offer:
+        raise PromptError("No word was refused for which another model is offered. Ask for a word first.")
+    return any_word_arguments([one.text for one in not_found.refusals], not_found.offer)
 
 
 def _known_object(project: WebProject, object_id: str) -> str:

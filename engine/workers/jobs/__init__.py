@@ -2,7 +2,14 @@
 
 from .click_preview import ClickAnswer, ClickPreview, click_question, pack_mask, read_question
 from .job import Job, JobState, format_seconds
-from .prompt_arguments import Click, click_arguments, name_arguments, refine_arguments, text_arguments
+from .prompt_arguments import (
+    Click,
+    any_word_arguments,
+    click_arguments,
+    name_arguments,
+    refine_arguments,
+    text_arguments,
+)
 from .time_left import seconds_left_in_all
 from .waiting import WaitingJob
 
@@ -13,6 +20,7 @@ __all__ = [
     "Job",
     "JobState",
     "WaitingJob",
+    "any_word_arguments",
     "click_arguments",
     "click_question",
     "format_seconds",

@@ -16,6 +16,7 @@ from ...scene import PinholeCamera
 
 __all__ = [
     "Click",
+    "any_word_arguments",
     "click_arguments",
     "name_arguments",
     "refine_arguments",
@@ -78,6 +79,21 @@ def text_arguments(prompt: str, name: str = "", camera: PinholeCamera | None = N
         )
     view = [] if camera is None else [f"--seen-from={_as_json(camera)}"]
     return [f"--prompt={join_texts(texts)}", *name_arguments(name), *view]
+
+
+def any_word_arguments(texts: Sequence[str], model: str, folder: str = "") -> list[str]:
+    """Return the engine's arguments that fetch a model and ask for refused texts again.
+
+    Parameters
+    ----------
+    texts : sequence of str
+    model : str
+        Model that knows more words, of the catalogue.
+    folder : str
+        Folder with its files, used instead of the network; empty to download.
+    """
+    source = [f"--from={folder}"] if folder else []
+    return [f"--prompt={join_texts(texts)}", f"--fetch={model}", *source]
 
 
 def _as_json(camera: PinholeCamera) -> str:

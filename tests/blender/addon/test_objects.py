@@ -456,6 +456,34 @@ def test_word_or_object_that_was_meant_is_one_button(opened: Any, draw: Draw, fa
         bpy.ops.heritage.select_object(object_id="gone")
 
 
+def test_model_for_any_word_is_offered_with_its_size_and_the_refused_words_are_asked_again(
+    opened: Any, draw: Draw, fake_engine: StandIn, part: Part, tmp_path: Path
+) -> None:
+    write_refusal(opened)
+    assert "heritage.know_any_word" not in [name for name, _ in draw("HERITAGE_PT_objects").buttons]
+    with pytest.raises(RuntimeError, match="Ask for a word first"):
+        bpy.ops.heritage.know_any_word()
+    write_refusal(opened, refusal={"offer": "clip-vit-b-32"})
+    panel = draw("HERITAGE_PT_objects")
+    assert "heritage.know_any_word" in [name for name, _ in panel.buttons]
+    assert "Know Any Word (156 MB) ..." in panel.texts
+    preferences = part("gaussian_heritage_addon.setup.preferences")
+    arguments = fake_engine(PROJECT + 'say("finished", message="Isolated.", outputs={"objects": []})')
+    before, preferences.model_folder = preferences.model_folder, lambda: str(tmp_path)
+    operator = part("operators.know_any_word")
+    operator.model_folder, kept = preferences.model_folder, operator.model_folder
+    try:
+        assert bpy.ops.heritage.know_any_word() == {"FINISHED"}
+    finally:
+        preferences.model_folder, operator.model_folder = before, kept
+    assert segment_arguments(arguments) == ["--prompt=tepot", "--fetch=clip-vit-b-32", f"--from={tmp_path}"]
+
+
+def test_offer_of_a_model_that_this_version_does_not_know_is_not_shown(opened: Any, draw: Draw) -> None:
+    write_refusal(opened, refusal={"offer": "clip-of-next-year"})
+    assert "heritage.know_any_word" not in [name for name, _ in draw("HERITAGE_PT_objects").buttons]
+
+
 def test_candidate_that_exists_is_offered_as_that_object(opened: Any, draw: Draw) -> None:
     write_refusal(opened, object="vase")
     panel = draw("HERITAGE_PT_objects")

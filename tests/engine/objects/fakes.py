@@ -78,6 +78,8 @@ class FakeCheck:
 class FakeDetector:
     """Finds parts by their names in `PART_NAMES`; in `wrong` photos it returns the other parts with higher scores."""
 
+    fitted = True
+
     def __init__(self, scene: BlobScene, *, wrong: tuple[str, ...] = ()) -> None:
         self.scene, self.wrong = scene, wrong
         self.name = "fake"

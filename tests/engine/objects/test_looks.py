@@ -169,3 +169,52 @@ def test_of_versions_that_score_nearly_as_much_the_likeliest_whole_is_the_answer
     for one, part in zip(found, expected, strict=True):
         assert iou(one.members, np.isin(blobs.part, part)) > 0.8
         assert one.score == max(scores)
+
+
+class Unfitted(FakeDetector):
+    """Draws scores of crops at random: those of 999 words of a vocabulary, and of absent ones; one word is shown."""
+
+    fitted = False
+
+    def __init__(self, scale: float) -> None:
+        self.scale, self.name = scale, f"random {scale}"
+
+    def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+        random = np.random.default_rng(sum(map(ord, prompt)) if prompt == "shown" else int(prompt))
+        scores = random.beta(0.2, 6, len(described)) ** self.scale
+        if prompt == "shown":
+            scores[:3] = 0.7**self.scale
+        return scores.tolist()
+
+    def score_vocabulary(self, described):  # type: ignore[no-untyped-def]
+        return np.stack([self.score_descriptions(described, str(10_000 + k)) for k in range(999)], axis=1)
+
+
+def _random_looks() -> Looks:
+    random = np.random.default_rng(0)
+    proposal = np.repeat(np.arange(40, dtype=np.int32), 3)
+    return Looks(
+        random.random((40, 50)) > 0.5, random.normal(size=40).astype(np.float32), np.arange(40, dtype=np.int32),
+        proposal, ("a",) * 120, np.zeros((120, 2, 2), np.float32), np.zeros((120, 4), np.float32),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
+def test_absent_words_are_refused_by_the_words_of_a_vocabulary_whatever_the_scores_of_a_detector_mean(
+    scale: float,
+) -> None:
+    looks, detector = _random_looks(), Unfitted(scale)
+    accepted = [float(looks.described_scores(str(number), detector).max()) >= 0.5 for number in range(10_000, 10_999)]
+    assert sum(accepted) == 49  # of 999 words of the vocabulary: less than 5 %, by construction
+    others = [float(looks.described_scores(str(number), detector).max()) >= 0.5 for number in range(400)]
+    assert np.mean(others) < 0.08  # 5 % of 400 words, and three standard deviations
+    scores = looks.described_scores("shown", detector)
+    assert scores.argmax() == 0 and scores[0] > 0.5
+
+
+def test_a_vocabulary_of_few_words_accepts_nothing(blobs: BlobScene) -> None:
+    class Few(Unfitted):
+        def score_vocabulary(self, described):  # type: ignore[no-untyped-def]
+            return super().score_vocabulary(described)[:, :18]
+
+    assert _random_looks().described_scores("shown", Few(1.0)).max() == 0

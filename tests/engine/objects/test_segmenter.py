@@ -29,6 +29,7 @@ from engine.project.objects import (
     restore_object,
     save_object,
 )
+from engine.project.refused_prompts import read_not_found
 from engine.scene.detailed import load_detailed
 from engine.training.scene_files import save_gaussians
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
@@ -414,6 +415,20 @@ def test_misspelt_text_is_stored_with_what_was_meant(blobs: BlobScene, project: 
         segmenter.segment_texts(["left bal"], None)
     (refusal,) = stored(project)["refused"]  # type: ignore[misc]
     assert refusal["suggestions"] == ["left ball", "left bell"] and refusal["objects"] == ["left-ball"]
+
+
+@pytest.mark.parametrize(("name", "offer"), [("offline-vocabulary", "clip-vit-b-32"), ("clip-vit-b-32", "")])
+@pytest.mark.parametrize("text", ["ghost", "xylograph"])
+def test_model_for_any_word_is_offered_where_the_vocabulary_does_not_know_or_find_a_word(
+    text: str, name: str, offer: str, blobs: BlobScene, project: ProjectFolder
+) -> None:
+    detector = FakeDetector(blobs)
+    detector.name = name
+    with pytest.raises(PromptError):
+        segmenter_of(project, blobs, SMALL, detector_factory=lambda: detector).segment_texts([text], None)
+    (refusal,) = stored(project)["refused"]  # type: ignore[misc]
+    assert refusal["text"] == text and refusal["offer"] == offer
+    assert read_not_found(project.path).offer == offer
 
 
 def test_candidate_that_is_a_stored_object_says_so(blobs: BlobScene, project: ProjectFolder) -> None:

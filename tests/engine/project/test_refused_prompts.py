@@ -48,6 +48,15 @@ def test_suggestions_and_objects_that_were_meant_are_read_with_the_prompt(tmp_pa
     assert found.candidates[0].object_id == "vase"
 
 
+def test_model_that_knows_more_words_is_offered_where_a_text_was_refused_by_the_vocabulary(tmp_path: Path) -> None:
+    write(tmp_path, STORED)
+    assert candidates.read_not_found(tmp_path).offer == ""
+    refused = [{"text": "one", "message": "No."}, {"text": "two", "message": "No.", "offer": "clip-vit-b-32"}]
+    write(tmp_path, {**STORED, "refused": refused})
+    found = candidates.read_not_found(tmp_path)
+    assert found.offer == "clip-vit-b-32" and [one.offer for one in found.refusals] == ["", "clip-vit-b-32"]
+
+
 @pytest.mark.parametrize("picture", ["/etc/passwd", "../../secret.png", ""])
 def test_picture_outside_of_the_project_is_refused(picture: str, tmp_path: Path) -> None:
     (entry,) = STORED["candidates"]

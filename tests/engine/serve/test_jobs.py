@@ -307,6 +307,29 @@ def test_prompts_become_arguments(client: Client, project: str, wanted: dict[str
     assert written == ["segment", str(client.folder(project) / "project"), *words, "--events"]
 
 
+def test_offered_model_is_fetched_and_the_refused_words_are_asked_again(client: Client, project: str) -> None:
+    folder = client.folder(project) / "project"
+    (folder / "gaussians").mkdir(parents=True)
+    (folder / "gaussians" / "scene.ply").touch()
+    jobs, wanted = f"{API}/projects/{project}/jobs", {"kind": "segment", "any_word": True}
+    refused = client.http.post(jobs, json=wanted)
+    assert refused.status_code == 422 and "Ask for a word first" in refused.json()["detail"]
+    texts = [{"text": text, "message": "No.", "offer": "clip-vit-b-32"} for text in ("Krug", "bow, and arrow")]
+    (folder / "objects").mkdir()
+    stored = {"version": 1, "refused": texts, "candidates": []}
+    (folder / "objects" / "candidates.json").write_text(json.dumps(stored), encoding="utf-8")
+    offer = client.http.get(f"{API}/projects/{project}").json()["not_found"]["offer"]
+    assert offer["model"] == "clip-vit-b-32" and offer["bytes"] == 155_845_627
+    assert offer["licence"].startswith("MIT") and "commercial use included" in offer["users"]
+    assert client.http.post(jobs, json=wanted).status_code == 202
+    client.wait_for_job(project, "finished")
+    words = json.loads((folder / "words.json").read_text())
+    assert words[2:] == ['--prompt=Krug;"bow, and arrow"', "--fetch=clip-vit-b-32", "--events"]
+    texts[0]["offer"] = texts[1]["offer"] = "clip-of-next-year"
+    (folder / "objects" / "candidates.json").write_text(json.dumps(stored), encoding="utf-8")
+    assert client.http.get(f"{API}/projects/{project}").json()["not_found"]["offer"] is None
+
+
 def test_server_that_is_told_what_to_render_on_tells_the_engine(client: Client, project: str) -> None:
     state = client.http.app.state  # type: ignore[attr-defined]
     state.server = replace(state.server, settings=replace(state.server.settings, device="gpu"))
@@ -325,6 +348,7 @@ def test_server_that_is_told_what_to_render_on_tells_the_engine(client: Client, 
         {},
         {"prompt": "vase", "find_all": True},
         {"prompt": "vase", "detail": True},
+        {"prompt": "vase", "any_word": True},
         {"detail": True, "object": "../../secret"},
         {"detail": True, "object": "cube"},
         {"prompt": "x" * 600},

@@ -89,8 +89,8 @@ export async function during(button, action) {
   }
 }
 
-/** Ask in a dialog; return true if the person agreed. */
-export function confirmed(question, explanation, action) {
+/** Ask in a dialog; return true if the person agreed. What removes nothing looks like the main action. */
+export function confirmed(question, explanation, action, look = "danger") {
   return new Promise((resolve) => {
     const title = h("h2", { id: newId("title") }, question);
     const dialog = h(
@@ -105,7 +105,7 @@ export function confirmed(question, explanation, action) {
           "div",
           { class: "row end" },
           h("button", { value: "no", autofocus: true }, "Cancel"),
-          h("button", { value: "yes", class: "danger" }, action),
+          h("button", { value: "yes", class: look }, action),
         ),
       ),
     );

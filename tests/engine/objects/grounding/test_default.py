@@ -12,7 +12,7 @@ from engine.core.files import file_sha256
 from engine.install.models.cache import CACHE_VARIABLE
 from engine.install.models.catalogue import find_model_file
 from engine.install.models.verification import write_record
-from engine.objects.grounding import offline_vocabulary
+from engine.objects.grounding import any_word, offline_vocabulary
 from engine.objects.grounding.default import default_detector_name, load_default_detector
 from engine.objects.grounding.grounding_dino import GroundingDino
 from tests.engine.objects.grounding import tiny_dino
@@ -54,6 +54,22 @@ def test_grounding_dino_is_the_default_if_its_files_are_stored(models: Path) -> 
     assert isinstance(detector, GroundingDino) and detector.name == "grounding-dino-tiny"
     (models / "grounding-dino-base.onnx").write_bytes(b"the larger one is preferred")
     assert default_detector_name() == "grounding-dino-base"
+
+
+def test_image_text_encoder_is_preferred_once_all_its_files_are_stored(
+    models: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (models / "grounding-dino-tiny.onnx").write_bytes(b"fetched before")
+    for name in ("clip-vit-b-32-vision.onnx", "clip-vit-b-32-text.onnx"):
+        (models / name).write_bytes(b"one of three files")
+        assert default_detector_name() == "grounding-dino-tiny"
+    (models / "clip-vit-b-32-tokenizer.json").write_bytes(b"the third")
+    assert default_detector_name() == "clip-vit-b-32"
+    with pytest.raises(ModelFileError, match="vision.onnx is damaged .* models fetch clip-vit-b-32-vision"):
+        load_default_detector()
+    opened: list[tuple[str, Path]] = []
+    monkeypatch.setattr(any_word, "AnyWord", lambda name, cache: opened.append((name, cache)) or "it")
+    assert load_default_detector() == "it" and opened == [("clip-vit-b-32", models.parent)]
 
 
 def test_damaged_or_incomplete_grounding_dino_raises_instead_of_using_another_detector(models: Path) -> None:

@@ -54,22 +54,23 @@ def test_broader_word_matches_all_its_classes_and_no_word_of_a_class_is_one(dete
 
 @pytest.mark.parametrize(
     "prompt",
-    ["sarcophagus", "xylograph", "quantum flux", "cuneiform tablet", "bust", "asdfgh", "花瓶", "Krug", "Teekanne"],
+    ["sarcophagus", "xylograph", "quantum flux", "cuneiform tablet", "bust", "asdfgh", "花瓶", "Büchereiregalbretter"],
 )
-def test_prompt_far_from_the_vocabulary_suggests_nothing_and_says_that_words_are_english(
+def test_prompt_far_from_the_vocabulary_suggests_nothing_and_says_which_languages_it_has(
     detector: OfflineVocabulary, prompt: str
 ) -> None:
     check = detector.check_prompt(prompt)
     assert not check.known and check.matches == []
     assert check.message == (
-        f"{prompt!r} is outside the offline vocabulary, whose words are English. Use another English word, or click on "
-        "the object instead."
+        f"{prompt!r} is outside the offline vocabulary, whose words are English, some also German and French. Use "
+        "another word, or click on the object instead."
     )
 
 
 @pytest.mark.parametrize(
     ("prompt", "expected"),
     [
+        ("teekane", "Teekanne"), ("spiegl", "Spiegel"),
         ("vaze", "vase"), ("a blue vaze", "vase"), ("tepot", "teapot"), ("avse", "vase"), ("obelsik", "obelisk"),
         ("gobelts", "goblet"), ("amfora", "amphora"), ("sheild", "shield"), ("hourglas with sand", "hourglass"),
     ],
@@ -80,6 +81,31 @@ def test_misspelt_prompt_suggests_the_word_that_is_spelt_like_it(
     check = detector.check_prompt(prompt)
     assert not check.known and check.matches[0][0] == expected and len(check.matches) <= 3
     assert f"the nearest words are: {expected}" in check.message and "English" in check.message
+
+
+@pytest.mark.parametrize(
+    ("prompt", "expected"),
+    [
+        ("Gitarre", "acoustic guitar"), ("GITARREN", "acoustic guitar"), ("eine rote Gitarre", "acoustic guitar"),
+        ("Teekanne", "teapot"), ("Teekannen aus Porzellan", "teapot"), ("die Trommel", "drum"), ("Kruege", "pitcher"),
+        ("théière", "teapot"), ("theieres", "teapot"), ("une guitare bleue", "acoustic guitar"),
+        ("l'horloge", "analog clock"), ("cruche en terre cuite", "pitcher"), ("masque", "mask"),
+        ("Obelisken", "obelisk"), ("Spiegel", "car mirror"),
+    ],
+)  # fmt: skip
+def test_german_and_french_names_are_searched_for_as_the_things_that_they_name(
+    detector: OfflineVocabulary, prompt: str, expected: str
+) -> None:
+    check = detector.check_prompt(prompt)
+    assert check.known and check.matches[0][0] == expected
+    assert all(similarity == 1 for _, similarity in check.matches) and "is searched for as" in check.message
+
+
+@pytest.mark.parametrize(
+    "prompt", ["fibula", "stele", "brooch", "tankard", "sword", "halberd", "gift", "rock", "hose", "chat", "relief"]
+)
+def test_english_word_is_not_taken_for_a_german_or_french_one(prompt: str) -> None:
+    assert word_list().english_of(prompt) == ()
 
 
 def test_unknown_english_word_suggests_what_means_nearly_the_same_and_not_what_is_spelt_like_it(

@@ -1,7 +1,8 @@
 // Isolation of objects by words, clicks or all at once, and the list of objects.
 import { startJob } from "../api.js";
-import { announce, during, field, h, notify, put, refill, setText, show } from "../dom.js";
+import { announce, confirmed, during, field, h, notify, put, refill, setText, show } from "../dom.js";
 import { createObjectCard } from "./object_card.js";
+import { megabytes } from "../format.js";
 import { isActive } from "../jobs.js";
 import { createProgress } from "./progress.js";
 
@@ -23,7 +24,7 @@ export function createObjects(context, { stage, clicks }) {
     "form",
     { class: "prompt", onsubmit: (event) => (event.preventDefault(), during(isolate, isolateWords)) },
     h("div", { class: "row bottom" }, field("Which object?", words), isolate),
-    h("p", { class: "hint" }, "In English. Separate several objects by commas."),
+    h("p", { class: "hint" }, "In English, many things also in German or French. Separate several objects by commas."),
   );
   const progress = createProgress(context, { compact: true });
   const told = h("p", { class: "quiet", hidden: true });
@@ -135,11 +136,18 @@ export function createObjects(context, { stage, clicks }) {
       ...answer.messages.map((text) => h("p", null, text)),
       suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Words to try" }, h("span", null, "Try:"), suggested) : null,
       existing.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Objects that exist" }, h("span", null, "Exists:"), existing) : null,
+      answer.offer ? action(`Know any word (${megabytes(answer.offer.bytes)})`, () => knowAnyWord(answer.offer)) : null,
       candidates.length > 0 ? h("p", null, "Is it one of these?") : null,
       h("ul", { class: "candidates" }, candidates.map((one) => candidateItem(one, known))),
       action(candidates.length > 0 ? "None of these: click it" : "Click it in a photo", async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
     );
     announce(`Not found. ${answer.messages.join(" ")}`);
+  }
+
+  /** Fetch a model that knows more words, once for all projects, and ask for the refused words again. */
+  async function knowAnyWord(offer) {
+    const told = `${offer.model}, ${megabytes(offer.bytes)}. It is fetched once for all projects; then describing a scene takes about a minute, once. It was not tested with its real weights yet. Licence: ${offer.licence}. Who may use it: ${offer.users}.`;
+    if (await confirmed("Fetch a model that knows any word?", told, "Fetch and ask again", "main")) await run({ any_word: true });
   }
 
   /** A candidate that is an object already is lit and not stored again. */
