@@ -194,15 +194,15 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column()
     column.prop(properties, "threshold", slider=True)
     if properties.n_levels > 1:
-        row = column.row(align=True)
-        row.prop(
+        column.prop(
             properties,
             "part_to_whole",
             text=translated("Part to Whole: {} of {}", properties.level + 1, properties.n_levels),
             slider=True,
         )
         if properties.level != properties.stored_level:
-            row.operator("heritage.refine_object", text="Keep").level = properties.level
+            # Below the slider: beside it, the slider that is being dragged would lose half its width, and its text.
+            column.operator("heritage.refine_object", text="Keep").level = properties.level
     if properties.kind == "all":
         draw_text(column, "Its name is a guess: double-click it", icon="QUESTION")
     column.operator("heritage.solo_object", icon="SOLO_ON")

@@ -275,6 +275,9 @@ def test_another_level_is_stored_on_request(levelled: Any, fake_engine: StandIn,
     vase.heritage.part_to_whole = 1.0
     panel = draw("HERITAGE_PT_objects")
     assert "Part to Whole: 3 of 3" in panel.texts and panel.button("refine_object") == {"level": 2}
+    # The slider that is being dragged keeps its width and its text: it shares no row with the button.
+    drawn = [place for place, call in enumerate(panel.calls) if call == "prop"]
+    assert panel.calls[drawn[panel.props.index("part_to_whole")] - 1] != "row"
     arguments = fake_engine(
         PROJECT
         + """
