@@ -24,6 +24,7 @@ from ..project.project_history import catch_up
 from ..setup.engine_process import engine_command
 from ..setup.preferences import current_environment, current_python, store_set_up_problem, user_folder
 from ..splats.properties import project_of
+from .job_names import stores_edits
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
 
 __all__ = [
@@ -256,8 +257,10 @@ def _no_longer_stopped(job: Job) -> None:
 def _is_continued_by(job: Job, kind: str, subject: Path, command: Sequence[str]) -> bool:
     """Return whether a new job does what a stopped one left undone."""
     is_same = (job.kind, job.subject) == (kind, str(subject))
-    # Photos are reconstructed into a project once, whatever the options: the import resumes.
-    return is_same and (kind == "reconstruct" or job.command == list(command))
+    # Photos are reconstructed into a project once, whatever the options: the import resumes. All that is not stored is
+    # stored at once, as it is now; what was to be stored before must not come back after it.
+    is_whole = kind == "reconstruct" or (stores_edits(command) and stores_edits(job.command))
+    return is_same and (is_whole or job.command == list(command))
 
 
 def take_in(number: int) -> None:
