@@ -122,7 +122,6 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         row.operator("heritage.isolate_background", text="Background")
         # Before what was not found, which would push the list out of sight.
         layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
-        draw_not_stored(layout, context.scene)
         try:
             not_found = read_not_found(project_of(properties))
         except HeritageError as error:
@@ -133,6 +132,8 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         obj = active_object(context.scene)
         if obj is not None:
             _draw_object(layout, obj)
+        # Below the sliders: it appears while one is dragged, and would move it away under the pointer.
+        draw_not_stored(layout, context.scene)
         export = layout.column()
         export.scale_y = _NEXT_STEP_HEIGHT
         export.operator("heritage.export_objects", text="Export Objects", icon="EXPORT")
