@@ -18,9 +18,7 @@ from ..splats.properties import HeritageObject, HeritageScene, photo_of, project
 __all__ = ["after_appending", "after_saving", "before_saving", "find_moved", "is_missing", "relink", "relink_scene_of"]
 
 _PLACE_KEY = "heritage_project_place"
-"""Custom property of a scene: the folder of its project when the .blend was saved, where that names it relative to itself.
-
-It is there still where the .blend alone was moved."""
+"""Custom property of a scene: the folder of its project when the .blend was saved, for when the .blend alone is moved."""
 _before: list[tuple[bpy.types.ID, Path]] = []
 
 

@@ -18,8 +18,8 @@ def show_new_objects(scene: bpy.types.Scene, ids: list[str], *, known: Collectio
 
     The background that comes with other objects is hidden, also where it was there before: it surrounds them. Objects
     found without a prompt fill the room, so the view stays. The others of `known` were there before and have only
-    changed: where all are, what is selected, the eyes and the view stay as they are, since the user may work on something
-    else meanwhile.
+    changed: where all are, what is selected, the eyes and the view stay as they are, since the user may work on
+    something else meanwhile.
     """
     present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT")}
     new = [present[one] for one in ids if one in present and one not in known]
