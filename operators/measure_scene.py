@@ -18,6 +18,7 @@ from ..gaussian_heritage_addon.blender.world_placement import world_matrix
 from ..gaussian_heritage_addon.project.measuring import (
     add_ruler,
     current_measurement,
+    follow_measurements,
     measure,
     scene_points,
 )
@@ -178,7 +179,10 @@ class HERITAGE_OT_ground_from_plane(bpy.types.Operator):
         matrix = world_matrix(obj)
         corners = [matrix[:3, 3], matrix[:3, 3] + matrix[:3, 0], matrix[:3, 3] + matrix[:3, 1]]
         before = current_measurement(project_of(scene.heritage))
-        measure(scene, replace(before, ground=tuple(scene_points(scene, corners))))
+        ground = tuple(scene_points(scene, corners))
+        # Left behind, it would lie beside the floor, and tilt the scene when it is used again.
+        follow_measurements(scene, obj)
+        measure(scene, replace(before, ground=ground))
         self.report({"INFO"}, "The ground is level now.")
         return {"FINISHED"}
 

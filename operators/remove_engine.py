@@ -29,7 +29,7 @@ class HERITAGE_OT_remove_engine(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the removal."""
-        state = job_runner.start_command("remove engine", job_runner.ENGINE, remove_command(sys.executable))
+        state = job_runner.start_command(job_runner.REMOVAL, job_runner.ENGINE, remove_command(sys.executable))
         self.report({"INFO"}, "Removing in the background." if state is None else state.message)
         return {"FINISHED"}
 

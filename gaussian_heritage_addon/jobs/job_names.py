@@ -11,12 +11,13 @@ from ...engine.core.words import split_texts
 from ..blender.problems import plain_text
 from ..language.translations import translated
 
-__all__ = ["job_name"]
+__all__ = ["job_name", "stores_edits"]
 
 _MAX_LENGTH = 40
 """Characters of a name: a command stored by another program may hold any text."""
+_EDIT = "edit"
 _REST = {
-    "edit": pgettext_n("store edits"),
+    _EDIT: pgettext_n("store edits"),
     "--all": pgettext_n("find all"),
     "--complement": pgettext_n("isolate the background"),
     "--refine": pgettext_n("correct {}"),
@@ -43,3 +44,8 @@ def job_name(kind: str, subject: Path, command: Sequence[str]) -> str:
             value = ", ".join(split_texts(value)) if option == "--prompt" else value
             return translated(text, plain_text(value)[:_MAX_LENGTH]) if "{}" in text else translated(text)
     return f"{kind} {plain_text(subject.name)[:_MAX_LENGTH]}"
+
+
+def stores_edits(command: Sequence[str]) -> bool:
+    """Return whether a command of the engine is that of *Store Edits*."""
+    return _EDIT in command

@@ -22,13 +22,16 @@ from ..blender.guards import Timer, add_load_handler, redraw, remove_handler
 from ..project.first_view import show_job, show_scene
 from ..project.project_history import catch_up
 from ..setup.engine_process import engine_command
+from ..setup.installation import installed_engine
 from ..setup.preferences import current_environment, current_python, store_set_up_problem, user_folder
 from ..splats.properties import project_of
+from .job_names import stores_edits
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
 
 __all__ = [
     "ENGINE",
     "MODEL_FILES",
+    "REMOVAL",
     "belongs_to",
     "cancel",
     "continue_stopped",
@@ -57,6 +60,8 @@ MODEL_FILES = Path("model files")
 """Subject of jobs about model files, which belong to no project."""
 ENGINE = Path("the engine")
 """Subject of jobs about the engine itself."""
+REMOVAL = "remove engine"
+"""Kind of the job that deletes the engine."""
 _EDIT_MODE_MESSAGE = "Leave Edit Mode (Tab) to import the finished result."
 
 
@@ -137,8 +142,8 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
     Parameters
     ----------
     kind : str
-        ``"reconstruct"``, ``"segment"``, ``"models"``, ``"doctor"``, ``"set-up"`` or ``"remove engine"``. It determines
-        what is done with the results.
+        ``"reconstruct"``, ``"segment"``, ``"models"``, ``"doctor"``, ``"set-up"`` or `REMOVAL`. It determines what is
+        done with the results.
     subject : Path
         Project folder, `MODEL_FILES` or `ENGINE`.
     command : sequence of str
@@ -256,8 +261,10 @@ def _no_longer_stopped(job: Job) -> None:
 def _is_continued_by(job: Job, kind: str, subject: Path, command: Sequence[str]) -> bool:
     """Return whether a new job does what a stopped one left undone."""
     is_same = (job.kind, job.subject) == (kind, str(subject))
-    # Photos are reconstructed into a project once, whatever the options: the import resumes.
-    return is_same and (kind == "reconstruct" or job.command == list(command))
+    # Photos are reconstructed into a project once, whatever the options: the import resumes. All that is not stored is
+    # stored at once, as it is now; what was to be stored before must not come back after it.
+    is_whole = kind == "reconstruct" or (stores_edits(command) and stores_edits(job.command))
+    return is_same and (is_whole or job.command == list(command))
 
 
 def take_in(number: int) -> None:
@@ -318,6 +325,9 @@ def _folder_for(kind: str, subject: Path) -> Path:
 
     A job whose end the user does not know yet keeps its folder.
     """
+    if kind == REMOVAL:
+        # It goes on when the add-on is uninstalled, and Windows deletes no folder that a process works in.
+        return installed_engine().removal_folder
     key = hashlib.sha256(f"{kind} {subject}".encode()).hexdigest()[:16]
     folder, number = user_folder("jobs") / key, 0
     while (job := Job.attach(folder)) is not None and not job.is_taken() and not job.poll().running:
@@ -408,7 +418,8 @@ def _find_jobs() -> None:
     """Continue with jobs of an earlier session of Blender. Only folders that we made are searched."""
     if _job is not None or _found:
         return
-    jobs = [job for folder in sorted(user_folder("jobs").iterdir()) if (job := Job.attach(folder)) is not None]
+    folders = [*sorted(user_folder("jobs").iterdir()), installed_engine().removal_folder]
+    jobs = [job for folder in folders if (job := Job.attach(folder)) is not None]
     known_folders = {job.folder for job in (*_stopped, *_undecided)}
     _found.extend(job for job in jobs if not job.is_taken() and job.folder not in known_folders)
     _seen_in_file.update((job.folder, _file_number) for job in _found)

@@ -122,7 +122,6 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         row.operator("heritage.isolate_background", text="Background")
         # Before what was not found, which would push the list out of sight.
         layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
-        draw_not_stored(layout, context.scene)
         try:
             not_found = read_not_found(project_of(properties))
         except HeritageError as error:
@@ -133,6 +132,8 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         obj = active_object(context.scene)
         if obj is not None:
             _draw_object(layout, obj)
+        # Below the sliders: it appears while one is dragged, and would move it away under the pointer.
+        draw_not_stored(layout, context.scene)
         export = layout.column()
         export.scale_y = _NEXT_STEP_HEIGHT
         export.operator("heritage.export_objects", text="Export Objects", icon="EXPORT")
@@ -194,15 +195,15 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column = layout.column()
     column.prop(properties, "threshold", slider=True)
     if properties.n_levels > 1:
-        row = column.row(align=True)
-        row.prop(
+        column.prop(
             properties,
             "part_to_whole",
             text=translated("Part to Whole: {} of {}", properties.level + 1, properties.n_levels),
             slider=True,
         )
         if properties.level != properties.stored_level:
-            row.operator("heritage.refine_object", text="Keep").level = properties.level
+            # Below the slider: beside it, the slider that is being dragged would lose half its width, and its text.
+            column.operator("heritage.refine_object", text="Keep").level = properties.level
     if properties.kind == "all":
         draw_text(column, "Its name is a guess: double-click it", icon="QUESTION")
     column.operator("heritage.solo_object", icon="SOLO_ON")

@@ -15,11 +15,27 @@ from ...engine.scene import Measurement, Point, load_measurement, save_measureme
 from ..blender.world_placement import drawn_matrix
 from ..splats.properties import heritage_objects, project_of
 from .moved_views import follow_move
-from .placement import RULER_KEY, apply_measurement, is_metric, placement_properties, scene_placement, shows_project
+from .placement import (
+    GROUND_KEY,
+    RULER_KEY,
+    apply_measurement,
+    is_metric,
+    placement_properties,
+    scene_placement,
+    shows_project,
+)
 from .project_history import remember_measurement
 from .scene_file import whole_scene
 
-__all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
+__all__ = [
+    "add_ruler",
+    "current_measurement",
+    "follow_measurements",
+    "length_text",
+    "measure",
+    "rulers",
+    "scene_points",
+]
 
 
 @read_after_change("measurement.json", "cameras/cameras.json")
@@ -107,15 +123,25 @@ def _measured_splats(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return [obj for obj in splats if obj.heritage.project and project_of(obj.heritage) == project]
 
 
+def follow_measurements(scene: bpy.types.Scene, obj: bpy.types.Object, key: str = GROUND_KEY) -> None:
+    """Let `obj`, which stands where it should, be moved with the splats of `scene` whenever these are measured.
+
+    An object that is linked from another file cannot be moved, and stays.
+    """
+    if obj.library is not None:
+        return
+    obj[key] = True
+    for splats in _measured_splats(scene)[:1]:
+        for name, value in placement_properties(splats).items():
+            obj[name] = value
+
+
 def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.types.Object:
     """Add a line between two points of Blender's world, named after its length."""
     mesh = bpy.data.meshes.new("Ruler")
     mesh.from_pydata([(0.0, 0.0, 0.0), (second - first).tolist()], [(0, 1)], [])
     ruler = bpy.data.objects.new(length_text(scene, float(np.linalg.norm(second - first))), mesh)
-    ruler[RULER_KEY] = True
-    for obj in _measured_splats(scene)[:1]:
-        for key, value in placement_properties(obj).items():
-            ruler[key] = value
+    follow_measurements(scene, ruler, RULER_KEY)
     # `ruler_view` draws it, with its name, over the splats.
     ruler.show_in_front = True
     ruler.display_type, ruler.hide_render = "WIRE", True

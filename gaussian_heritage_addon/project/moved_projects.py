@@ -17,6 +17,8 @@ from ..splats.properties import HeritageObject, HeritageScene, photo_of, project
 
 __all__ = ["after_appending", "after_saving", "before_saving", "find_moved", "is_missing", "relink", "relink_scene_of"]
 
+_PLACE_KEY = "heritage_project_place"
+"""Custom property of a scene: the folder of its project when the .blend was saved, which may be moved alone."""
 _before: list[tuple[bpy.types.ID, Path]] = []
 
 
@@ -64,6 +66,8 @@ def before_saving(file: str) -> None:
     _before[:] = [(one, project_of(one.heritage)) for one in _holders()]
     for one, project in _before:
         one.heritage.project = _stored(project, Path(file).absolute().parent if file else None)
+        if isinstance(one, bpy.types.Scene) and is_project(project):
+            one[_PLACE_KEY] = str(project)
 
 
 def after_saving(file: str) -> None:
@@ -89,14 +93,14 @@ def after_appending(items: list[tuple[bpy.types.ID, str]]) -> None:
 
 
 def find_moved() -> None:
-    """Look for projects that are missing beside the .blend, and say which are not there either."""
+    """Look for projects that are missing beside the .blend and where they were, and say which are not there either."""
     missing = {project_of(one.heritage) for one in _holders() if is_missing(one.heritage)}
     if not bpy.data.filepath:
         return
     folder = Path(bpy.data.filepath).parent
     lost = []
     for project in sorted(missing):
-        beside = [folder / project.name, folder.parent / project.name, folder]
+        beside = [folder / project.name, folder.parent / project.name, folder, *_former_places(project)]
         found = next((one for one in beside if is_project(one) and _fits(project, one)), None)
         if found is None:
             lost.append(project)
@@ -104,6 +108,16 @@ def find_moved() -> None:
             relink(project, found)
     if lost:
         problems.show(" ".join(_sentence(project) for project in lost))
+
+
+def _former_places(project: Path) -> list[Path]:
+    """Return where `project`, which a scene names, was when the .blend was saved; only absolute paths are taken."""
+    places = [
+        one.get(_PLACE_KEY)
+        for one in _holders()
+        if isinstance(one, bpy.types.Scene) and project_of(one.heritage) == project
+    ]
+    return [Path(place) for place in places if isinstance(place, str) and Path(place).is_absolute()]
 
 
 def relink(old: Path, new: Path) -> None:

@@ -16,15 +16,20 @@ __all__ = ["show_imported", "show_new_objects"]
 def show_new_objects(scene: bpy.types.Scene, ids: list[str], *, known: Collection[str] = ()) -> None:
     """Show the objects `ids` of `scene`, the best first, as new.
 
-    The background that comes with other objects is hidden: it surrounds them. Objects found without a prompt fill the
-    room, so the view stays. Those of `known` were there before and have only changed: where all are, what is selected,
-    the eyes and the view stay as they are, since the user may work on something else meanwhile.
+    The background that comes with other objects is hidden, also where it was there before: it surrounds them. Objects
+    found without a prompt fill the room, so the view stays. The others of `known` were there before and have only
+    changed: where all are, what is selected, the eyes and the view stay as they are, since the user may work on
+    something else meanwhile.
     """
     present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT")}
     new = [present[one] for one in ids if one in present and one not in known]
     objects = [obj for obj in new if obj.heritage.kind != "background"]
     for obj in new:
-        obj.heritage.hidden = bool(objects) and obj.heritage.kind == "background"
+        obj.heritage.hidden = False
+    if objects:
+        for one in ids:
+            if one in present and present[one].heritage.kind == "background":
+                present[one].heritage.hidden = True
     apply_visibility(scene)
     shown = objects or new
     if not shown:

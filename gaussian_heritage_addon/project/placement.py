@@ -21,6 +21,7 @@ from ..splats.properties import photo_of, project_of
 from ..splats.splats import SplatScene
 
 __all__ = [
+    "GROUND_KEY",
     "RULER_KEY",
     "apply_measurement",
     "frame_of_object",
@@ -39,6 +40,8 @@ _METRIC_KEY = "heritage_metric"
 """Custom property: whether that matrix made Blender's unit a metre."""
 RULER_KEY = "heritage_ruler"
 """Custom property of a ruler, which moves with what it measures."""
+GROUND_KEY = "heritage_ground"
+"""Custom property of a plane that the user laid on the ground, which goes on lying there."""
 _SAME = 1e-9
 """Difference from the identity up to which a move is none: moves are computed as doubles."""
 _NEAR = 2e-6
@@ -48,7 +51,7 @@ _MIN_THICKNESS = 1e-7
 
 
 def apply_measurement(scene: bpy.types.Scene, project: Path, measurement: Measurement) -> None:
-    """Place the splats, cameras and rulers of `project` in `scene` as measured, instead of as before.
+    """Place the splats, cameras, rulers and ground of `project` in `scene` as measured, instead of as before.
 
     What belongs to another project or to none, such as an imported file or an object of another .blend, stays.
     Lengths are shown in metres when the scale is known; otherwise without a unit, since theirs is unknown.
@@ -93,14 +96,14 @@ def shows_project(scene: bpy.types.Scene, project: Path) -> bool:
 
 
 def _measured_objects(scene: bpy.types.Scene, project: Path) -> list[bpy.types.Object]:
-    """Return the objects of `scene` that stand as `project` is measured: its splats, cameras and rulers."""
+    """Return the objects of `scene` that stand as `project` is measured: splats, cameras, rulers, ground."""
     is_own = shows_project(scene, project)
 
     def belongs(obj: bpy.types.Object) -> bool:
         if obj.heritage.project:
             return project_of(obj.heritage) == project
-        # Cameras and rulers name no project: they were added for that of the scene.
-        return is_own and (bool(photo_of(obj)) or RULER_KEY in obj)
+        # The others name no project: they were added for that of the scene.
+        return is_own and (bool(photo_of(obj)) or RULER_KEY in obj or GROUND_KEY in obj)
 
     return [obj for obj in scene.objects if belongs(obj)]
 

@@ -286,5 +286,9 @@ def _outputs(records: list[Any], segmenter: Segmenter) -> dict[str, Any]:
 
 
 def _isolated(records: list[Any]) -> str:
-    names = ", ".join(f"{record.name} ({record.score:.2f})" for record in records)
+    # Only a word may mean something else than what was found: what was clicked is what it is.
+    names = ", ".join(
+        f"{record.name} ({record.score:.2f})" if record.prompt.get("kind") == "text" else record.name
+        for record in records
+    )
     return f"Isolated {names}." if names else "No further object was found."

@@ -59,6 +59,11 @@ class EngineEnvironment:
         return python_in(self.root)
 
     @property
+    def removal_folder(self) -> Path:
+        """Where the job that deletes the engine works: beside it, in no folder that is deleted meanwhile."""
+        return self.folder.with_name(f"{self.folder.name}-removal")
+
+    @property
     def log(self) -> Path:
         """The output of pip and of the other programs."""
         return self.folder / "installation.log"

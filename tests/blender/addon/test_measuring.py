@@ -173,6 +173,31 @@ def test_plane_laid_on_the_floor_is_the_ground(floor: Any, part: Part) -> None:
         bpy.ops.heritage.ground_from_plane()
 
 
+def test_plane_goes_on_lying_on_the_floor(floor: Any, part: Part, camera: Any) -> None:
+    points = np.array([(0.0, 0.0, -0.5), (0.5, 0.0, -0.5), (0.0, 0.5, -0.5)])
+    bpy.ops.mesh.primitive_plane_add(location=(0, 0, -0.5), rotation=(0.2, 0, 0))
+    plane = bpy.context.view_layer.objects.active
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+    bpy.context.view_layer.update()
+    before = np.linalg.solve(np.array(whole.matrix_world), np.array(plane.matrix_world))
+    ground = []
+    for _ in range(2):  # Used again, it changes nothing.
+        bpy.context.view_layer.objects.active = plane
+        assert bpy.ops.heritage.ground_from_plane() == {"FINISHED"}
+        bpy.context.view_layer.update()
+        assert abs(plane.matrix_world.translation.z) < 1e-5  # float32
+        np.testing.assert_allclose(np.array(plane.matrix_world)[:3, 2], [0, 0, 1], atol=1e-5)
+        ground.append(load(part, floor).ground)
+    np.testing.assert_allclose(*ground, atol=1e-5)
+    # Also when it is measured otherwise later, and when all of it is removed.
+    bpy.ops.heritage.measure(action="DISTANCE", metres=3.0, points_on_photos=pixels(camera, *points[:2]))
+    for _ in range(2):
+        bpy.context.view_layer.update()
+        now = np.linalg.solve(np.array(whole.matrix_world), np.array(plane.matrix_world))
+        np.testing.assert_allclose(now, before, atol=1e-5)
+        bpy.ops.heritage.clear_measurement()
+
+
 def test_what_cannot_be_measured_is_one_sentence(floor: Any, camera: Any) -> None:
     point = pixels(camera, (0.0, 0.0, -0.5))
     for arguments, words in (

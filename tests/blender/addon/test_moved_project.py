@@ -50,6 +50,22 @@ def test_a_copy_saved_elsewhere_leaves_the_paths_of_this_file(saved: Path, opene
     assert projects(part) == {saved.parent / opened.folder.name}
 
 
+def test_a_blend_moved_alone_finds_its_project_where_it_stayed(saved: Path, opened: Any, part: Part) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    bpy.ops.wm.save_mainfile()
+    far = saved.parent.parent / "a" / "b" / "c"
+    far.mkdir(parents=True)
+    moved = saved.rename(far / "scene.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(moved))
+    assert projects(part) == {saved.parent / opened.folder.name}
+    assert part("gaussian_heritage_addon.blender.problems").shown() == ""
+    # A path of someone else that no folder can have is not looked at.
+    bpy.context.scene.heritage.project = "//gone"
+    bpy.context.scene["heritage_project_place"] = "/" + "x" * 5000
+    part("gaussian_heritage_addon.project.moved_projects").find_moved()
+    assert "gone is missing" in part("gaussian_heritage_addon.blender.problems").shown()
+
+
 def test_a_stored_absolute_path_is_looked_for_beside_the_blend(saved: Path, opened: Any, part: Part) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(saved))
     moved = projects(part).pop()

@@ -275,6 +275,11 @@ def test_another_level_is_stored_on_request(levelled: Any, fake_engine: StandIn,
     vase.heritage.part_to_whole = 1.0
     panel = draw("HERITAGE_PT_objects")
     assert "Part to Whole: 3 of 3" in panel.texts and panel.button("refine_object") == {"level": 2}
+    # The slider that is being dragged keeps its width and its text: it shares no row with the button.
+    drawn = [place for place, call in enumerate(panel.calls) if call == "prop"]
+    assert panel.calls[drawn[panel.props.index("part_to_whole")] - 1] != "row"
+    # Nor does it move when what is not stored is told.
+    assert drawn[panel.props.index("part_to_whole")] < panel.calls.index("label Not stored: Vase")
     arguments = fake_engine(
         PROJECT
         + """
@@ -347,6 +352,23 @@ say("finished", outputs={"objects": ["background"], "background": "background"})
     assert bpy.ops.heritage.isolate_background() == {"FINISHED"}
     assert segment_arguments(arguments) == ["--complement"]
     assert isolated()["background"] == background and rows(background) == list(range(40, 100))
+
+    # New objects are seen, although a background stood open before they were found.
+    background.heritage.hidden = False
+    fake_engine(
+        PROJECT
+        + """
+write_object(project, "object-2", "object 2", np.r_[np.zeros(95), np.ones(5)].astype(np.float32),
+             prompt={"kind": "all"}, score=0.0)
+say("finished", outputs={"objects": ["object-2", "background"], "background": "background", "kept": ["vase"]})
+"""
+    )
+    assert bpy.ops.heritage.find_objects() == {"FINISHED"}
+    assert background.heritage.hidden and not isolated()["object-2"].heritage.hidden
+    # Nothing new covers nothing.
+    background.heritage.hidden = False
+    fake_engine("say('finished', outputs={'objects': ['background'], 'background': 'background', 'kept': ['vase']})")
+    assert bpy.ops.heritage.find_objects() == {"FINISHED"} and not background.heritage.hidden
 
 
 def test_kept_objects_missing_in_the_file_are_imported(opened: Any, fake_engine: StandIn) -> None:

@@ -91,6 +91,19 @@ def test_engine_is_removed_and_the_rest_stays(preferences: Any, folder: Path, pa
     (folder.parent / "photos").mkdir()
     assert bpy.ops.heritage.remove_engine() == {"FINISHED"}
     assert not folder.exists() and (folder.parent / "photos").exists()
+    # The job works outside of the add-on's own folders: Windows could not delete these while it goes on.
+    runner = part("gaussian_heritage_addon.jobs.job_runner")
+    own = part("gaussian_heritage_addon.setup.preferences").user_folder("jobs").parent
+    job, _ = runner.current()
+    assert job.folder.is_dir() and not job.folder.is_relative_to(folder)
+    assert not job.folder.is_relative_to(own)
+    # It is found again after Blender was closed.
+    forget_jobs(runner)
+    (job.folder / "taken").unlink()
+    runner._find_jobs()
+    found = runner.current()
+    assert found is not None and (found[0].folder, found[1].finished) == (job.folder, True)
+    forget_jobs(runner)
 
 
 def test_panel_shows_the_removal_while_it_runs(

@@ -87,6 +87,27 @@ def test_each_of_several_stopped_jobs_is_continued_or_left(
     assert [one.command[-2] for one in runner.waiting()] == ["mask"] and _names(runner) == []
 
 
+def test_edits_stored_anew_leave_no_older_ones_to_continue(
+    runner: ModuleType,  # noqa: F811
+    opened: Any,
+    fake_engine: StandIn,
+) -> None:
+    fake_engine("say('error', message='Nothing would be left of the vase.', error='ObjectError')\nsys.exit(1)")
+    folder = str(opened.folder)
+    _segment(runner, opened, "bust")
+    _poll_to_the_end(runner)
+    for threshold in ("1", "0.9"):
+        runner.start("segment", opened.folder, "edit", folder, "--threshold", f"vase={threshold}")
+        _poll_to_the_end(runner)
+        stopped = [job.command[3:5] for _, job, _ in runner.stopped(bpy.context.scene)]
+        # What else has stopped stays.
+        assert stopped == [["edit", folder], ["segment", folder]]
+    fake_engine("say('finished', message='Stored vase.', outputs={'objects': ['vase']})")
+    runner.start("segment", opened.folder, "edit", folder, "--threshold", "vase=0.5")
+    _poll_to_the_end(runner)
+    assert _names(runner) == ["bust"]
+
+
 def test_refusal_is_no_stopped_job(runner: ModuleType, opened: Any, fake_engine: StandIn) -> None:  # noqa: F811
     fake_engine("say('error', message='No amphora was found.', error='PromptError')")
     _segment(runner, opened, "amphora")

@@ -48,6 +48,8 @@ def test_any_name_is_kept_and_found_again_in_a_folder_every_system_takes(
     answer = call(capsys, "segment", scene, "--mask", blue, "--name", name)
     assert answer.code == 0
     assert answer.of_kind("finished")[0]["outputs"] == {"objects": [folder], "device": "cpu"}
+    # No confidence: nobody guessed what it is.
+    assert answer.of_kind("finished")[0]["message"] == f"Isolated {name or 'object'}."
     assert [path.name for path in (scene / "objects").iterdir()] == [folder]
     (record,) = list_objects(scene)
     assert record.name == (name or "object")
