@@ -70,7 +70,6 @@ def write_glb(
     copyright: str | None = None,
     extras: Mapping[str, Any] | None = None,
     xmp: Mapping[str, Any] | None = None,
-    color_fallback: bool = True,
     matrix: NDArray[np.float64] | None = None,
     seen: NDArray[np.integer] | None = None,
 ) -> None:
@@ -89,8 +88,6 @@ def write_glb(
         JSON values for ``asset.extras``, e.g. the museum record.
     xmp : mapping, optional
         Packet of XMP about the whole file, written with the extension KHR_xmp_json_ld.
-    color_fallback : bool
-        Whether to add ``COLOR_0``, with which viewers without the extension show a coloured point cloud.
     matrix : array of shape [4, 4], float64, optional
         A transform of the Gaussians before they are turned.
     seen : array of shape [N], int, optional
@@ -110,7 +107,7 @@ def write_glb(
     if gaussians.antialiased:
         extras = {**(extras or {}), RENDER_MODE_KEY: RENDER_MODE[True]}
     turned = transform_gaussians(gaussians, y_up_from_z_up() if matrix is None else y_up_from_z_up() @ matrix)
-    attributes = _attributes(turned, color_fallback=color_fallback, seen=seen)
+    attributes = _attributes(turned, seen)
     document, n_bytes = _document(
         attributes, name=name, copyright=copyright, extras=extras, xmp=xmp, bounds=_bounds(turned), count=len(turned)
     )
@@ -141,9 +138,7 @@ class _Attribute:
     dtype: str = "<f4"
 
 
-def _attributes(
-    gaussians: Gaussians, *, color_fallback: bool, seen: NDArray[np.integer] | None
-) -> dict[str, _Attribute]:
+def _attributes(gaussians: Gaussians, seen: NDArray[np.integer] | None) -> dict[str, _Attribute]:
     attributes = {
         "POSITION": _Attribute(3, lambda part: gaussians.means[part]),
         _ROTATION: _Attribute(4, lambda part: np.roll(unit_quats(gaussians.quats[part].astype(float)), -1, axis=1)),
@@ -154,8 +149,8 @@ def _attributes(
         for order in range(2 * degree + 1):
             index = degree * degree + order
             attributes[_sh_name(degree, order)] = _Attribute(3, _coefficient(gaussians, index))
-    if color_fallback:
-        attributes["COLOR_0"] = _Attribute(4, lambda part: _fallback_color(gaussians[part]), "<u2")
+    # Viewers without the extension show a coloured point cloud.
+    attributes["COLOR_0"] = _Attribute(4, lambda part: _fallback_color(gaussians[part]), "<u2")
     if seen is not None:
         attributes[_SEEN] = _Attribute(1, lambda part: seen[part])
     return attributes
