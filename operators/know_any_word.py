@@ -37,12 +37,12 @@ class HERITAGE_OT_know_any_word(SegmentOperator):
         """Draw the dialog."""
         model = find_model(_offer(context).offer)
         self.layout.label(text=model.title)
-        told = (
+        draw_text(
+            self.layout,
             "It is fetched once for all projects. Then describing a scene takes about a minute, once.",
-            "It was not tested with its real weights yet.",
+            line_length=_DIALOG_LINE_LENGTH,
         )
-        for line in told:
-            draw_text(self.layout, line, line_length=_DIALOG_LINE_LENGTH)
+        draw_text(self.layout, "It was not tested with its real weights yet.", line_length=_DIALOG_LINE_LENGTH)
         for line in (*model.terms, *([model_folder()] if model_folder() else model.sources)):
             draw_text(self.layout, line, line_length=_DIALOG_LINE_LENGTH)
 

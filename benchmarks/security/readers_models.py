@@ -145,11 +145,11 @@ _VOCABULARY = f"class-words-{'k' * 16}.npy"
 
 
 def _vectors(folder: Path, encode: Callable[[list[str]], Any]) -> object:
-    from engine.objects.grounding import vocabulary
+    from engine.objects.grounding import kept_vectors, vocabulary
 
     encoder: Any = SimpleNamespace(width=2, fingerprint="test", encode=encode)
     # The name of the file does not depend on the words then.
-    with mock.patch.object(vocabulary, "stage_key", lambda *parts: "k" * 16):
+    with mock.patch.object(kept_vectors, "stage_key", lambda *parts: "k" * 16):
         return vocabulary.Vocabulary(encoder, folder)._vectors
 
 
