@@ -35,13 +35,17 @@ start_blender() { begin env WINDOW_WORK="$work" blender --gpu-backend opengl --w
 # xdotool finds the names of F1 to F12 together with Alt, and presses both: F12 never rendered. By numbers it does not.
 number_of() { case $1 in F[1-9] | F10) echo $((66 + ${1#F})) ;; F11 | F12) echo $((84 + ${1#F})) ;; *) echo "$1" ;; esac; }
 mkdir -p "$work/commands" "$work/home"
-bind_all
-case ${1:-} in
-setup)
+# Before anything is bound: debootstrap makes /dev of the root itself, and must not find that of the computer there.
+if [ "${1:-}" = setup ] && { [ ! -x "$root/usr/bin/apt-get" ] || [ -e "$root/debootstrap" ]; }; then
   mirror=$(cat /etc/apt/sources.list /etc/apt/sources.list.d/*.list /etc/apt/sources.list.d/*.sources 2>/dev/null |
     awk '/^deb /{print $2; exit} /^URIs:/{print $2; exit}')
   command -v debootstrap >/dev/null || { echo "debootstrap is missing; install it (Debian: apt-get install debootstrap)." >&2; exit 1; }
-  [ -x "$root/usr/bin/apt-get" ] || debootstrap --variant=minbase --include=ca-certificates sid "$root" "$mirror"
+  [ ! -e "$root/debootstrap" ] || rm -rf --one-file-system "$root"   # of a set-up that was stopped
+  debootstrap --variant=minbase --include=ca-certificates sid "$root" "$mirror"
+fi
+bind_all
+case ${1:-} in
+setup)
   cp /etc/resolv.conf "$root/etc/"; cp -n /etc/apt/apt.conf.d/* "$root/etc/apt/apt.conf.d/" 2>/dev/null || true
   # python3-cattr: without it Blender's extension system does not register
   chroot "$root" sh -c 'export DEBIAN_FRONTEND=noninteractive; apt-get update -q && apt-get install -y -q --no-install-recommends \
