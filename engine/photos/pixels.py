@@ -23,6 +23,7 @@ from ..core.files import opened
 from ..core.visible_text import visible
 from .exif import UPRIGHT_TRANSPOSES, focal_in_pixels, orientation_of, without_pillow_warnings
 from .heic import conversion_of_numbers, require_heic_reader, require_ordinary_colours
+from .heic_tiles import load_heic
 from .kinds import HEIC, PICTURES, kind_of_stream, refusal_of
 from .structure import require_usual_structure
 
@@ -119,7 +120,10 @@ def open_photo(path: Path, *, max_side: int | None = None) -> tuple[Image.Image,
         pixels.
     """
     with photo_errors(path), opened_picture(path, max_side) as (image, full_size):
-        image.load()
+        if image.format == _FORMATS[HEIC]:
+            image = load_heic(image)
+        else:
+            image.load()
         # Pillow rotates a TIFF on loading, which may swap its width and height but never changes the scale.
         drafted = image.format in ("JPEG", "MPO") and image.size != full_size
         image.info["full_size"] = full_size if drafted else image.size
