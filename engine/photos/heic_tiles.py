@@ -79,8 +79,8 @@ def _pixels_of(image: Image.Image) -> NDArray[np.uint8] | None:
         return None
     try:
         import av
-    # Missing in an environment that was set up before its list of packages changed: libheif takes more time.
-    except ImportError:
+    # Damaged, or missing in an environment that was set up before its list of packages changed: libheif is slower.
+    except (ImportError, OSError):
         return None
     try:
         stored = _assembled(image.fp, layout, av)

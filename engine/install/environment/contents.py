@@ -27,6 +27,7 @@ CONTENTS = (
     Part("ONNX Runtime", "MIT"),
     Part("OpenCV, tokenizers", "Apache-2.0"),
     Part("Pillow", "MIT-CMU"),
+    Part("PyAV with FFmpeg, x264 and x265", "BSD-3-Clause, LGPL-3.0 and GPL-2.0-or-later"),
     Part("pillow-heif with libheif, libde265 and x265", "BSD-3-Clause, LGPL-3.0 and GPL-2.0-or-later"),
     Part("Matplotlib", "Matplotlib licence (BSD style)"),
 )
