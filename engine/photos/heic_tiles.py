@@ -23,10 +23,12 @@ _LOG = logging.getLogger(__name__)
 
 _FULL_RANGE = 2
 """FFmpeg's number for levels from 0 to 255."""
-_BT601 = frozenset({5, 6})
-"""Numbers of ITU-T H.273 for the matrix of JPEG, which phones use."""
+_BT601 = frozenset({2, 5, 6})
+"""Numbers of ITU-T H.273 for the matrix of JPEG, which phones use, also where a file states none."""
 _PIXEL_FORMATS = frozenset({"yuv420p", "yuvj420p"})
 _TURNS = ("irot", "imir")
+_SMALL = 1 << 20
+"""Pixels of tiles that are decoded whatever the size of the picture is."""
 _MAX_STEP, _MIN_STEP = 3.0, 12.0
 """Largest difference across a seam: so many times that beside it, and so many levels more. Tiles in another order than
 their numbers differ more, as long as their borders show anything."""
@@ -121,6 +123,9 @@ def _layout_of(image: Any) -> _Layout | None:
     # libheif states the layout of the upright picture.
     if sum(value // 90 for kind, value in turns if kind == "irot") % 2:
         columns, rows, tile, size = rows, columns, tile[::-1], size[::-1]
+    # Memory is reserved for the picture, and hardly for tiles that reach far over its edge.
+    if columns * tile[0] * rows * tile[1] > 4 * size[0] * size[1] + _SMALL:
+        return None
     return _Layout(columns, rows, tile, size, turns, picture.item_id)
 
 

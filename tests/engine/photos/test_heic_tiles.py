@@ -68,6 +68,14 @@ def test_tiles_of_every_quality_fit_together(tmp_path: Path, quality: int) -> No
     assert np.abs(pixels - by_libheif(path)).max() <= 1
 
 
+@pytest.mark.parametrize("matrix", [2, 5, 6])
+def test_colours_without_a_stated_matrix_are_those_of_jpeg(tmp_path: Path, matrix: int) -> None:
+    path = write(tmp_path / "a.heic", scene(), matrix_coefficients=matrix, tile_size=64)
+    pixels = by_ffmpeg(path)
+    assert pixels is not None
+    assert np.abs(pixels - by_libheif(path)).max() <= 1
+
+
 @pytest.mark.parametrize(
     "options",
     [{"chroma": 444}, {"chroma": 422}, {"full_range_flag": 0}, {"matrix_coefficients": 1}, {"color": "alpha"}],
