@@ -8,6 +8,7 @@ tiles. Everything else, and every doubt, is left to libheif, which decides what 
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -27,8 +28,8 @@ _BT601 = frozenset({2, 5, 6})
 """Numbers of ITU-T H.273 for the matrix of JPEG, which phones use, also where a file states none."""
 _PIXEL_FORMATS = frozenset({"yuv420p", "yuvj420p"})
 _TURNS = ("irot", "imir")
-_SMALL = 1 << 20
-"""Pixels of tiles that are decoded whatever the size of the picture is."""
+_GREEN = 8 if sys.byteorder == "little" else 16
+"""Where the green of a pixel begins in its number, in bits."""
 _MAX_STEP, _MIN_STEP = 3.0, 12.0
 """Largest difference across a seam: so many times that beside it, and so many levels more. Tiles in another order than
 their numbers differ more, as long as their borders show anything."""
@@ -41,7 +42,6 @@ class _Layout:
     columns: int
     rows: int
     tile: tuple[int, int]
-    size: tuple[int, int]
     turns: tuple[tuple[str, int], ...]
     item: int
     """Number of the picture in its file."""
@@ -58,7 +58,7 @@ def load_heic(image: Image.Image) -> Image.Image:
     Returns
     -------
     Image
-        Upright, as libheif decodes it, to one level of 255; with the same ``info`` and ``format``.
+        Upright, as libheif decodes it, to one level of 255; with the same ``info`` and ``format``. Of mode RGB or RGBX.
 
     Raises
     ------
@@ -69,13 +69,14 @@ def load_heic(image: Image.Image) -> Image.Image:
     if pixels is None:
         image.load()
         return image
-    loaded = Image.fromarray(pixels)
+    # The memory of the array becomes that of the picture.
+    loaded = Image.frombuffer("RGBX", pixels.shape[1::-1], pixels, "raw", "RGBX", 0, 1)
     loaded.info, loaded.format = image.info, image.format
     return loaded
 
 
-def _pixels_of(image: Image.Image) -> NDArray[np.uint8] | None:
-    """Return the upright pixels [H, W, 3]; None for pictures that libheif must decode."""
+def _pixels_of(image: Image.Image) -> NDArray[np.uint32] | None:
+    """Return the upright pixels [H, W], red in the first byte of each; None for pictures that libheif must decode."""
     layout = _layout_of(image)
     if layout is None:
         return None
@@ -84,20 +85,17 @@ def _pixels_of(image: Image.Image) -> NDArray[np.uint8] | None:
     # Damaged, or missing in an environment that was set up before its list of packages changed: libheif is slower.
     except (ImportError, OSError):
         return None
+    pixels = np.empty(image.size[::-1], np.uint32)
+    stored = pixels
+    for kind, value in reversed(layout.turns):
+        stored = np.rot90(stored, -value // 90) if kind == "irot" else np.flip(stored, 1 if value == 1 else 0)
     try:
-        stored = _assembled(image.fp, layout, av)
+        is_whole = _fill(stored, image.fp, layout, av)
     # FFmpeg refuses what is damaged; libheif says whether it is.
     except (av.FFmpegError, ValueError) as error:
         _LOG.info("FFmpeg does not decode a HEIC picture: %r", error)
         return None
-    if stored is None:
-        return None
-    pixels = stored[: layout.size[1], : layout.size[0]]
-    if not _fits_together(pixels, layout):
-        return None
-    for kind, value in layout.turns:
-        pixels = np.rot90(pixels, value // 90) if kind == "irot" else np.flip(pixels, 1 if value == 1 else 0)
-    return pixels if pixels.shape[1::-1] == image.size else None
+    return pixels if is_whole and _fits_together(stored, layout) else None
 
 
 def _layout_of(image: Any) -> _Layout | None:
@@ -119,35 +117,31 @@ def _layout_of(image: Any) -> _Layout | None:
     else:
         columns, rows = tiling["num_columns"], tiling["num_rows"]
         tile = tiling["tile_width"], tiling["tile_height"]
-    size = image.size
     # libheif states the layout of the upright picture.
     if sum(value // 90 for kind, value in turns if kind == "irot") % 2:
-        columns, rows, tile, size = rows, columns, tile[::-1], size[::-1]
-    # Memory is reserved for the picture, and hardly for tiles that reach far over its edge.
-    if columns * tile[0] * rows * tile[1] > 4 * size[0] * size[1] + _SMALL:
-        return None
-    return _Layout(columns, rows, tile, size, turns, picture.item_id)
+        columns, rows, tile = rows, columns, tile[::-1]
+    return _Layout(columns, rows, tile, turns, picture.item_id)
 
 
-def _assembled(file: Any, layout: _Layout, av: Any) -> NDArray[np.uint8] | None:
-    """Return the pixels of all tiles, [rows * tile height, columns * tile width, 3]; None when they are not clear."""
+def _fill(stored: NDArray[np.uint32], file: Any, layout: _Layout, av: Any) -> bool:
+    """Write all tiles into the picture; returns False when it is not clear which they are."""
     wide, high = layout.tile
     n_tiles = layout.columns * layout.rows
     file.seek(0)
     with av.open(file, format="mov") as container:
         streams = _tiles_among(container, layout, av)
         if len(streams) != n_tiles:
-            return None
-        pixels = np.empty((layout.rows * high, layout.columns * wide, 3), np.uint8)
+            return False
         places = {stream.index: number for number, stream in enumerate(streams)}
         found = set()
         for frame in _frames_of(_packets_of(container, streams), places, av):
             if not _is_usual(frame, layout.tile) or frame.pts in found:
-                return None
+                return False
             found.add(frame.pts)
             row, column = divmod(frame.pts, layout.columns)
-            _to_rgb(frame, pixels[row * high : (row + 1) * high, column * wide : (column + 1) * wide])
-    return pixels if found == set(range(n_tiles)) else None
+            place = stored[row * high : (row + 1) * high, column * wide : (column + 1) * wide]
+            place[:] = _rgb_of(frame)[: place.shape[0], : place.shape[1]]
+    return found == set(range(n_tiles))
 
 
 def _tiles_among(container: Any, layout: _Layout, av: Any) -> list[Any]:
@@ -213,27 +207,28 @@ def _is_usual(frame: Any, size: tuple[int, int]) -> bool:
     )
 
 
-def _to_rgb(frame: Any, target: NDArray[np.uint8]) -> None:
-    """Write a frame as RGB; each value of colour stands for four pixels, as in libheif."""
+def _rgb_of(frame: Any) -> NDArray[np.uint32]:
+    """Return the pixels of a frame; each value of colour stands for four of them, as in libheif."""
     luma, blue, red = (
         np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
         for plane in frame.planes
     )
-    size = 2 * blue.shape[1], 2 * blue.shape[0]
     height, width = luma.shape
+    size = 2 * blue.shape[1], 2 * blue.shape[0]
     colours = [cv2.resize(plane, size, interpolation=cv2.INTER_NEAREST)[:height, :width] for plane in (red, blue)]
-    cv2.cvtColor(cv2.merge((luma, *colours)), cv2.COLOR_YCrCb2RGB, dst=target)
+    pixels = cv2.cvtColor(cv2.merge((luma, *colours)), cv2.COLOR_YCrCb2RGB, dstCn=4)
+    return pixels.view(np.uint32)[..., 0]
 
 
-def _fits_together(pixels: NDArray[np.uint8], layout: _Layout) -> bool:
+def _fits_together(stored: NDArray[np.uint32], layout: _Layout) -> bool:
     """Return whether no seam between two tiles is a step: a file may number its tiles in another order."""
     wide, high = layout.tile
-    for picture, step, length in ((pixels, high, wide), (pixels.swapaxes(0, 1), wide, high)):
+    for picture, step, length in ((stored, high, wide), (stored.T, wide, high)):
         starts = np.arange(0, picture.shape[1], length)
         counts = np.diff([*starts, picture.shape[1]])
         for seam in range(step, len(picture) - 1, step):
-            rows = picture[seam - 2 : seam + 2, :, 1].astype(np.int16)
-            sums = np.add.reduceat(np.abs(np.diff(rows, axis=0)), starts, axis=1, dtype=np.int64)
+            green = (picture[seam - 2 : seam + 2] >> _GREEN).astype(np.uint8).astype(np.int16)
+            sums = np.add.reduceat(np.abs(np.diff(green, axis=0)), starts, axis=1, dtype=np.int64)
             before, across, behind = sums / counts
             if (across > _MAX_STEP * (before + behind) / 2 + _MIN_STEP).any():
                 return False

@@ -55,7 +55,7 @@ TiffImagePlugin.READ_LIBTIFF = True
 
 _BYTES_OF_MODE = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2, "I;16L": 2, "I;16N": 2}
 """Bytes per pixel of a decoded picture by Pillow's mode; 4 for all others."""
-_NATIVE_MODES = ("L", "RGB", "RGBA", "CMYK", "LAB")
+_NATIVE_MODES = ("L", "RGB", "RGBX", "RGBA", "CMYK", "LAB")
 """Modes that need no conversion before the picture is reduced."""
 _RESULT_BYTES = 4
 """Bytes per pixel of the result: three colours and alpha, or the reduced picture."""

@@ -43,7 +43,7 @@ def by_ffmpeg(path: Path) -> NDArray[np.int64] | None:
     """Return the pixels of a file; None when libheif decoded them."""
     with Image.open(path) as opened:
         loaded = load_heic(opened)
-        return None if loaded is opened else np.asarray(loaded).astype(int)
+        return None if loaded is opened else np.asarray(loaded.convert("RGB")).astype(int)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
