@@ -5,7 +5,7 @@ of a phone. HEIC is written in tiles of 512 pixels, as phones do.
 
 Kinds are measured in turns, and ratios within one turn: other programs slow all kinds down alike.
 
-example: python -m benchmarks.photo_reading --count 4 --rounds 15 --out docs/photos.md
+example: python -m benchmarks.photo_reading --count 2 --rounds 15 --out docs/photos.md
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ _LIBHEIF = "HEIC, libheif alone"
 """The same HEIC files without FFmpeg."""
 _KINDS = ("JPEG", "HEIC", _LIBHEIF)
 _READING, _PARTS = "reading", "heic_parts"
+_ROUNDS_OF_PARTS = 3
 
 
 def main() -> None:
@@ -59,8 +60,10 @@ def main() -> None:
         folder = Path(name)
         _write(folder, options.count)
         sizes = {kind: sum(file.stat().st_size for file in _files(folder, kind)) for kind in _KINDS}
-        rounds = [{kind: _measured(folder, kind) for kind in _KINDS} for _ in range(options.rounds)]
-    tables = ((options.out, _READING, _table(sizes, rounds, options.count)), (options.parts, _PARTS, _parts(rounds)))
+        rounds = [{kind: _measured(folder, kind, _reading) for kind in _KINDS} for _ in range(options.rounds)]
+        few = range(min(options.rounds, _ROUNDS_OF_PARTS))
+        parts = [{kind: _measured(folder, kind, _parts_of) for kind in _KINDS} for _ in few]
+    tables = ((options.out, _READING, _table(sizes, rounds, options.count)), (options.parts, _PARTS, _parts(parts)))
     for document, part, table in tables:
         if document is None:
             print(table, end="\n\n")
@@ -87,10 +90,9 @@ def _table(sizes: dict[str, int], rounds: list[dict[str, dict[str, float]]], cou
 
 
 def _parts(rounds: list[dict[str, dict[str, float]]]) -> str:
-    names = [name for name in rounds[0]["JPEG"] if name not in ("check", "load")]
     rows = [
         f"| {name} | " + " | ".join(f"{1000 * min(one[kind][name] for one in rounds):.0f}" for kind in _KINDS) + " |"
-        for name in names
+        for name in rounds[0]["JPEG"]
     ]
     return "\n".join([f"| part | {' | '.join(_KINDS)} |", "| --- |" + " --- |" * len(_KINDS), *rows])
 
@@ -118,21 +120,27 @@ def _write(folder: Path, count: int) -> None:
             picture.save(folder / kind / f"{number:03d}.{kind.lower()}", icc_profile=profile, **options)
 
 
-def _measured(folder: Path, kind: str) -> dict[str, float]:
-    """Return CPU seconds for a photo: to check it as `reconstruct` does first, to load it reduced, and of the parts."""
-    files = _files(folder, kind)
+def _measured(folder: Path, kind: str, measure: Callable[[list[Path]], dict[str, float]]) -> dict[str, float]:
     decode = (lambda picture: None) if kind == _LIBHEIF else heic_tiles._pixels_of
     with unittest.mock.patch.object(heic_tiles, "_pixels_of", decode):
-        seconds = {
-            "check": _seconds_of(lambda: read_photos(files[0].parent, PhotoSettings())) / len(files),
-            "load": sum(_seconds_of(lambda file=file: load_pixels(file, max_side=1600)) for file in files) / len(files),
-        }
-        parts = [_parts_of(file) for file in files]
-    return {**seconds, **{name: statistics.mean(part[name] for part in parts) for name in parts[0]}}
+        return measure(_files(folder, kind))
 
 
-def _parts_of(file: Path) -> dict[str, float]:
-    """Return the CPU seconds of the parts of a check that take more than a hundredth of it."""
+def _reading(files: list[Path]) -> dict[str, float]:
+    """Return the CPU seconds for a photo: to check it as `reconstruct` does first, and to load it reduced."""
+    return {
+        "check": _seconds_of(lambda: read_photos(files[0].parent, PhotoSettings())) / len(files),
+        "load": statistics.mean(_seconds_of(lambda file=file: load_pixels(file, max_side=1600)) for file in files),
+    }
+
+
+def _parts_of(files: list[Path]) -> dict[str, float]:
+    """Return the CPU seconds for a photo of the parts of a check that take most of it."""
+    parts = [_parts_of_one(file) for file in files]
+    return {name: statistics.mean(part[name] for part in parts) for name in parts[0]}
+
+
+def _parts_of_one(file: Path) -> dict[str, float]:
     image, strips = open_photo(file)[0], []
     step = round(max(image.size) / 800)
     seconds = {

@@ -124,7 +124,7 @@ def _heic() -> Check:
     try:
         importlib.import_module("av")
     except Exception:
-        return Check("HEIC photos", False, False, "readable in twice the time; set up the engine again")
+        return Check("HEIC photos", False, False, "readable, but slowly; set up the engine again")
     return Check("HEIC photos", True, False, "readable")
 
 

@@ -1,4 +1,4 @@
-"""Pixels of a HEIC photo, decoded by FFmpeg: the same pixels as libheif's, in half of its time.
+"""Pixels of a HEIC photo, decoded by FFmpeg: the same pixels as libheif's, in two thirds of its time.
 
 libheif reads the container and says what the picture is made of. FFmpeg's decoder of HEVC is faster than libde265, but
 gives tiles and not the picture. Only what phones write is decoded here: one picture of 8 bits in 4:2:0, whole or in

@@ -9,7 +9,7 @@ __all__ = ["CONTENTS", "DISK_GB", "DOWNLOAD_GB", "Part", "sizes"]
 DOWNLOAD_GB = {"cpu": 0.7, "cuda": 3.5}
 """Downloaded packages and model files, by build of torch, measured on Linux."""
 
-DISK_GB = {"cpu": 2.5, "cuda": 8.0}
+DISK_GB = {"cpu": 2.6, "cuda": 8.0}
 """Free disk space that an installation needs, with pip's temporary files."""
 
 
