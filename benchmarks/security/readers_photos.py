@@ -38,7 +38,7 @@ def _write_photo(folder: Path, name: str, mode: str = "RGB", **options: Any) -> 
     (folder / "photos").mkdir()
     picture = _picture(mode)
     if name.endswith(".heic"):
-        # Of fewer pixels than the encoder's smallest block, the picture is cropped, which FFmpeg is not asked to decode.
+        # Smaller ones than the smallest block of the encoder are cropped, which is left to libheif.
         picture = picture.resize((64, 64))
     # pillow-heif reads the rotation from bytes only; Pillow writes TIFF tags from the object only.
     picture.save(folder / "photos" / name, exif=exif.tobytes() if name.endswith(".heic") else exif, **options)
