@@ -1,25 +1,32 @@
-"""CPU time of reading the same photos as JPEG and as HEIC: docs/photos.md.
+"""CPU time of reading the same photos as JPEG and as HEIC, for docs/photos.md and docs/design_notes/photos.md.
 
 The photos are pictures of the demo room, enlarged to 12 megapixels, with the noise of a sensor and the colour profile
 of a phone. HEIC is written in tiles of 512 pixels, as phones do.
 
-example: python -m benchmarks.photo_reading --count 10 --out docs/photos.md
+Kinds are measured in turns, and ratios within one turn: other programs slow all kinds down alike.
+
+example: python -m benchmarks.photo_reading --count 2 --rounds 15 --out docs/photos.md
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import statistics
 import tempfile
 import time
+import unittest.mock
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image, ImageCms
 
-from engine.photos import load_pixels, read_photos
+from engine.photos import heic_tiles, load_pixels, read_photos
+from engine.photos.pixels import open_photo, upright_strips
+from engine.photos.reading import _gray_for_measuring, measure_photo
 from engine.photos.settings import PhotoSettings
 
 from .documents import put_into
@@ -34,35 +41,64 @@ _FORMATS: dict[str, dict[str, Any]] = {
     "JPEG": {"format": "JPEG", "quality": 92},
     "HEIC": {"format": "HEIF", "quality": 60, "tile_size": 512},
 }
-_PART = "reading"
+_LIBHEIF = "HEIC, libheif alone"
+"""The same HEIC files without FFmpeg."""
+_KINDS = ("JPEG", "HEIC", _LIBHEIF)
+_READING, _PARTS = "reading", "heic_parts"
+_ROUNDS_OF_PARTS = 3
 
 
 def main() -> None:
-    """Write the photos, read them in turns, and print the table or put it into a document."""
+    """Write the photos, read them in turns, and print the tables or put them into documents."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=10, help="number of photos")
-    parser.add_argument("--rounds", type=int, default=3, help="how often each is read; the smallest time counts")
-    parser.add_argument("--out", type=Path, help="document that gets the table")
+    parser.add_argument("--rounds", type=int, default=3, help="how often each is read")
+    parser.add_argument("--out", type=Path, help="document that gets the first table")
+    parser.add_argument("--parts", type=Path, help="document that gets the table of the parts")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write(folder, options.count)
-        seconds = {kind: _seconds(folder / kind, options.rounds) for kind in _FORMATS}
-        sizes = {kind: sum(file.stat().st_size for file in (folder / kind).iterdir()) for kind in _FORMATS}
-    rows = [
-        f"| {kind} | {sizes[kind] / options.count / 1e6:.1f} | {read:.2f} | {load:.2f} | "
-        f"{read / seconds['JPEG'][0]:.2f} | {load / seconds['JPEG'][1]:.2f} |"
-        for kind, (read, load) in seconds.items()
-    ]
-    table = "\n".join([
+        sizes = {kind: sum(file.stat().st_size for file in _files(folder, kind)) for kind in _KINDS}
+        rounds = [{kind: _measured(folder, kind, _reading) for kind in _KINDS} for _ in range(options.rounds)]
+        few = range(min(options.rounds, _ROUNDS_OF_PARTS))
+        parts = [{kind: _measured(folder, kind, _parts_of) for kind in _KINDS} for _ in few]
+    tables = ((options.out, _READING, _table(sizes, rounds, options.count)), (options.parts, _PARTS, _parts(parts)))
+    for document, part, table in tables:
+        if document is None:
+            print(table, end="\n\n")
+        else:
+            put_into(document, part, table)
+
+
+def _table(sizes: dict[str, int], rounds: list[dict[str, dict[str, float]]], count: int) -> str:
+    rows = []
+    for kind in _KINDS:
+        check, load = (min(one[kind][what] for one in rounds) for what in ("check", "load"))
+        ratios = [
+            statistics.median(one[kind][what] / one["JPEG"][what] for one in rounds) for what in ("check", "load")
+        ]
+        rows.append(
+            f"| {kind} | {sizes[kind] / count / 1e6:.1f} | {check:.2f} | {load:.2f} | {ratios[0]:.2f} | "
+            f"{ratios[1]:.2f} |"
+        )
+    return "\n".join([
         "| format | MB | s to check | s to load at 1,600 px | check, of JPEG | load, of JPEG |",
         "| --- | --- | --- | --- | --- | --- |",
         *rows,
     ])  # fmt: skip
-    if options.out is None:
-        print(table)
-    else:
-        put_into(options.out, _PART, table)
+
+
+def _parts(rounds: list[dict[str, dict[str, float]]]) -> str:
+    rows = [
+        f"| {name} | " + " | ".join(f"{1000 * min(one[kind][name] for one in rounds):.0f}" for kind in _KINDS) + " |"
+        for name in rounds[0]["JPEG"]
+    ]
+    return "\n".join([f"| part | {' | '.join(_KINDS)} |", "| --- |" + " --- |" * len(_KINDS), *rows])
+
+
+def _files(folder: Path, kind: str) -> list[Path]:
+    return sorted((folder / ("JPEG" if kind == "JPEG" else "HEIC")).iterdir())
 
 
 def _write(folder: Path, count: int) -> None:
@@ -84,21 +120,43 @@ def _write(folder: Path, count: int) -> None:
             picture.save(folder / kind / f"{number:03d}.{kind.lower()}", icc_profile=profile, **options)
 
 
-def _seconds(folder: Path, rounds: int) -> tuple[float, float]:
+def _measured(folder: Path, kind: str, measure: Callable[[list[Path]], dict[str, float]]) -> dict[str, float]:
+    decode = (lambda picture: None) if kind == _LIBHEIF else heic_tiles._pixels_of
+    with unittest.mock.patch.object(heic_tiles, "_pixels_of", decode):
+        return measure(_files(folder, kind))
+
+
+def _reading(files: list[Path]) -> dict[str, float]:
     """Return the CPU seconds for a photo: to check it as `reconstruct` does first, and to load it reduced."""
-    files = sorted(folder.iterdir())
-    checks, loads = [], []
-    for _ in range(rounds):
-        start = _cpu()
-        read_photos(folder, PhotoSettings())
-        checks.append((_cpu() - start) / len(files))
-        each = []
-        for file in files:
-            start = _cpu()
-            load_pixels(file, max_side=1600)
-            each.append(_cpu() - start)
-        loads.append(statistics.mean(each))
-    return min(checks), min(loads)
+    return {
+        "check": _seconds_of(lambda: read_photos(files[0].parent, PhotoSettings())) / len(files),
+        "load": statistics.mean(_seconds_of(lambda file=file: load_pixels(file, max_side=1600)) for file in files),
+    }
+
+
+def _parts_of(files: list[Path]) -> dict[str, float]:
+    """Return the CPU seconds for a photo of the parts of a check that take most of it."""
+    parts = [_parts_of_one(file) for file in files]
+    return {name: statistics.mean(part[name] for part in parts) for name in parts[0]}
+
+
+def _parts_of_one(file: Path) -> dict[str, float]:
+    image, strips = open_photo(file)[0], []
+    step = round(max(image.size) / 800)
+    seconds = {
+        "decode": _seconds_of(lambda: open_photo(file)),
+        "colour profile to sRGB": _seconds_of(lambda: strips.extend(upright_strips(image, step))),
+        "hash of the pixels": _seconds_of(lambda: [hashlib.blake2b(strip.data) for strip in strips]),
+        "brightness, reduced": _seconds_of(lambda: [_gray_for_measuring(strip, step) for strip in strips]),
+    }
+    seconds["all of the check"] = _seconds_of(lambda: measure_photo(str(file)))
+    return seconds
+
+
+def _seconds_of(action: Callable[[], object]) -> float:
+    start = _cpu()
+    action()
+    return _cpu() - start
 
 
 def _cpu() -> float:

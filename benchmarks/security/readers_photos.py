@@ -36,8 +36,12 @@ def _write_photo(folder: Path, name: str, mode: str = "RGB", **options: Any) -> 
     exif[0x0112] = 6
     exif.get_ifd(0x8769).update(_EXIF)
     (folder / "photos").mkdir()
+    picture = _picture(mode)
+    if name.endswith(".heic"):
+        # Smaller ones than the smallest block of the encoder are cropped, which is left to libheif.
+        picture = picture.resize((64, 64))
     # pillow-heif reads the rotation from bytes only; Pillow writes TIFF tags from the object only.
-    _picture(mode).save(folder / "photos" / name, exif=exif.tobytes() if name.endswith(".heic") else exif, **options)
+    picture.save(folder / "photos" / name, exif=exif.tobytes() if name.endswith(".heic") else exif, **options)
 
 
 def _write_heic(folder: Path, **options: Any) -> None:

@@ -121,6 +121,10 @@ def _heic() -> Check:
         importlib.import_module("pillow_heif")
     except Exception:  # missing or damaged
         return Check("HEIC photos", False, False, "not readable; set up the engine again")
+    try:
+        importlib.import_module("av")
+    except Exception:
+        return Check("HEIC photos", False, False, "readable, but slowly; set up the engine again")
     return Check("HEIC photos", True, False, "readable")
 
 

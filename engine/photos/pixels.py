@@ -23,6 +23,7 @@ from ..core.files import opened
 from ..core.visible_text import visible
 from .exif import UPRIGHT_TRANSPOSES, focal_in_pixels, orientation_of, without_pillow_warnings
 from .heic import conversion_of_numbers, require_heic_reader, require_ordinary_colours
+from .heic_tiles import load_heic
 from .kinds import HEIC, PICTURES, kind_of_stream, refusal_of
 from .structure import require_usual_structure
 
@@ -54,7 +55,7 @@ TiffImagePlugin.READ_LIBTIFF = True
 
 _BYTES_OF_MODE = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2, "I;16L": 2, "I;16N": 2}
 """Bytes per pixel of a decoded picture by Pillow's mode; 4 for all others."""
-_NATIVE_MODES = ("L", "RGB", "RGBA", "CMYK", "LAB")
+_NATIVE_MODES = ("L", "RGB", "RGBX", "RGBA", "CMYK", "LAB")
 """Modes that need no conversion before the picture is reduced."""
 _RESULT_BYTES = 4
 """Bytes per pixel of the result: three colours and alpha, or the reduced picture."""
@@ -119,7 +120,10 @@ def open_photo(path: Path, *, max_side: int | None = None) -> tuple[Image.Image,
         pixels.
     """
     with photo_errors(path), opened_picture(path, max_side) as (image, full_size):
-        image.load()
+        if image.format == _FORMATS[HEIC]:
+            image = load_heic(image)
+        else:
+            image.load()
         # Pillow rotates a TIFF on loading, which may swap its width and height but never changes the scale.
         drafted = image.format in ("JPEG", "MPO") and image.size != full_size
         image.info["full_size"] = full_size if drafted else image.size

@@ -317,7 +317,9 @@ def measure_photo(path: str) -> dict[str, Any]:
 def _encoding(image: Image.Image) -> str:
     """Return a text that is equal for photos that one program saved with one setting."""
     tables = sorted((number, tuple(table)) for number, table in getattr(image, "quantization", {}).items())
-    return f"{image.format} {image.mode} {hash(tuple(tables))} {'exif' in image.info}"
+    # A fourth byte that is not used depends on the decoder.
+    mode = image.mode.removesuffix("X")
+    return f"{image.format} {mode} {hash(tuple(tables))} {'exif' in image.info}"
 
 
 def _as_reason(error: PhotoError, path: Path) -> str:

@@ -94,6 +94,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("engine/install/environment/bundle.py", ".open"): _BUNDLE,
     ("engine/install/environment/pip_command.py", ".open"): "the log of pip, whose lines are only shown",
     ("engine/photos/pixels.py", "PIL.Image.open"): _PILLOW,
+    ("engine/photos/heic_tiles.py", "av.open"): "gets the stream of a picture that Pillow has opened",
     ("engine/objects/prompts.py", "PIL.Image.open"): _PILLOW,
     ("engine/project/folder.py", ".open"): "the lock, whose content is never read",
     ("engine/quality/evaluation/ground_truth.py", "PIL.Image.open"): _PILLOW,

@@ -9,7 +9,7 @@ __all__ = ["CONTENTS", "DISK_GB", "DOWNLOAD_GB", "Part", "sizes"]
 DOWNLOAD_GB = {"cpu": 0.7, "cuda": 3.5}
 """Downloaded packages and model files, by build of torch, measured on Linux."""
 
-DISK_GB = {"cpu": 2.5, "cuda": 8.0}
+DISK_GB = {"cpu": 2.6, "cuda": 8.0}
 """Free disk space that an installation needs, with pip's temporary files."""
 
 
@@ -27,6 +27,7 @@ CONTENTS = (
     Part("ONNX Runtime", "MIT"),
     Part("OpenCV, tokenizers", "Apache-2.0"),
     Part("Pillow", "MIT-CMU"),
+    Part("PyAV with FFmpeg, x264 and x265", "BSD-3-Clause, LGPL-3.0 and GPL-2.0-or-later"),
     Part("pillow-heif with libheif, libde265 and x265", "BSD-3-Clause, LGPL-3.0 and GPL-2.0-or-later"),
     Part("Matplotlib", "Matplotlib licence (BSD style)"),
 )

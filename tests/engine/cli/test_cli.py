@@ -203,7 +203,7 @@ from engine.cli.commands import reconstruct
 from engine.core.errors import Cancelled
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
-ALL = ["torch", "onnxruntime", "numba", "cv2", "pillow_heif", "engine.cameras.undistortion"]
+ALL = ["torch", "onnxruntime", "numba", "cv2", "pillow_heif", "av", "engine.cameras.undistortion"]
 
 def in_c(name):
     action = ctypes.create_string_buffer(512)
@@ -215,7 +215,7 @@ def imported(modules):
         try:
             importlib.import_module(module)
         except ModuleNotFoundError:
-            assert module == "pillow_heif"  # used where it is installed
+            assert module in ("pillow_heif", "av")  # used where it is installed
     assert "pycolmap" in sys.modules or modules == []
 
 def work(options, emit, should_stop):
