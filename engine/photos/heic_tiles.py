@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -209,6 +208,8 @@ def _is_usual(frame: Any, size: tuple[int, int]) -> bool:
 
 def _rgb_of(frame: Any) -> NDArray[np.uint32]:
     """Return the pixels of a frame; each value of colour stands for four of them, as in libheif."""
+    import cv2  # 400 MB of addresses, which other photos do not need
+
     luma, blue, red = (
         np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
         for plane in frame.planes
