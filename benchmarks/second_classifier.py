@@ -12,25 +12,23 @@ import argparse
 import sys
 from functools import partial
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 
 from engine.core.arrays import Float32
 from engine.core.events import ignore_events, never_stop
-from engine.objects.grounding import efficientnet
-from engine.objects.grounding.efficientnet import EfficientNetLite2, _Stage
+from engine.objects.grounding.efficientnet import EfficientNetLite2, Stage
 from engine.objects.grounding.offline_vocabulary import OfflineVocabulary
 from engine.quality.evaluation import evaluate_outlines, outline_table
 
 _LITE0 = (
-    _Stage(1, 3, 1, 16),
-    _Stage(2, 3, 2, 24),
-    _Stage(2, 5, 2, 40),
-    _Stage(3, 3, 2, 80),
-    _Stage(3, 5, 1, 112),
-    _Stage(4, 5, 2, 192),
-    _Stage(1, 3, 1, 320),
+    Stage(1, 3, 1, 16),
+    Stage(2, 3, 2, 24),
+    Stage(2, 5, 2, 40),
+    Stage(3, 3, 2, 80),
+    Stage(3, 5, 1, 112),
+    Stage(4, 5, 2, 192),
+    Stage(1, 3, 1, 320),
 )
 """Table 1 of Tan and Le 2019, scaled by 1."""
 
@@ -49,8 +47,7 @@ class Lite0(OfflineVocabulary):
     def __init__(self, weights: Path) -> None:
         super().__init__()
         self.name = "efficientnet-lite0"
-        with mock.patch.object(efficientnet, "_STAGES", _LITE0):
-            self._classifier = EfficientNetLite2(weights)
+        self._classifier = EfficientNetLite2(weights, stages=_LITE0)
 
     def whole_odds(self, described: Float32) -> Float32:
         """Return 0 for each crop."""

@@ -145,36 +145,6 @@ def _read_truth(folder: Path) -> object:
     return [truth.masks(photo) for photo in truth.photos]
 
 
-def _write_results(folder: Path) -> None:
-    from engine.quality.evaluation import write_results
-    from engine.quality.evaluation.results import Evaluation, Result, Row, Search, Word
-    from engine.quality.evaluation.settings import EvaluationSettings
-
-    evaluation = Evaluation(
-        rows=(Row("vase", "better", True, 0.9, 0.8, 1.0, 0.0, 2.0, 20.0, 0.9, 1.5, 2.5, 3, "a.jpg"),),
-        words=(Word("vase", "better", False, 1, 0.7, 0.9, float("nan"), "vase", 1.0, 2.0),),
-        searches=(Search("better", (Result("vase", 0.7, "vase", 0.9, "object"),), 5.0, 9.0),),
-        ceiling={"vase": "vase"},
-        settings=EvaluationSettings(),
-        scene="room_1",
-        layout="museum",
-        photos=("b.jpg",),
-        looked_at=("a.jpg",),
-        n_trained_on=0,
-        unplaced=(),
-        left_out=(),
-        n_gaussians=3,
-        stages=(("training", 10.0, 20.0),),
-    )
-    write_results(folder / "results.json", evaluation)
-
-
-def _read_results(folder: Path) -> object:
-    from engine.quality.evaluation import read_results
-
-    return read_results(folder / "results.json")
-
-
 def _photo_reader(name: str, file: str, write: Callable[[Path], None], share: float = 1.0) -> Reader:
     return Reader(name, write, _read_photos, (f"photos/{file}",), share)
 
@@ -226,6 +196,5 @@ PHOTOS: tuple[Reader, ...] = (
     Reader("truth-lerf-mask", _write_lerf_mask, _read_truth, ("test_mask/a/vase.png",)),
     Reader("truth-3d-ovs", _write_three_d_ovs, _read_truth, ("segmentations/classes.txt", "segmentations/a/vase.png")),
     Reader("truth-lerf-ovs", _write_lerf_ovs, _read_truth, ("a.json",)),
-    Reader("results", _write_results, _read_results, ("results.json",)),
     Reader("video", _write_video, _frames_of_video, ("a.mp4", "frame.frames.json"), share=2.0),
 )

@@ -66,7 +66,6 @@ class MaskDecoder:
         features: NDArray[np.float32],
         coordinates: NDArray[np.float32],
         labels: NDArray[np.float32],
-        mask_prompt: NDArray[np.float32] | None = None,
         cells: tuple[int, int] | None = None,
         min_stability: float = 0.0,
     ) -> Masks:
@@ -78,7 +77,6 @@ class MaskDecoder:
         coordinates : array of shape [1, n, 2], float32
             x, y in pixels of the encoder's frame.
         labels : array of shape [1, n], float32
-        mask_prompt : array of shape [256, 256], float32, or None
         cells : (int, int) or None
             Rows and columns of cells to look at, where the rest may be left out.
         min_stability : float
@@ -96,22 +94,21 @@ class MaskDecoder:
             When the decoder returns another number of masks.
         """
         with self._lock:
-            return self._decode(features, coordinates, labels, mask_prompt, cells, min_stability)
+            return self._decode(features, coordinates, labels, cells, min_stability)
 
     def _decode(
         self,
         features: NDArray[np.float32],
         coordinates: NDArray[np.float32],
         labels: NDArray[np.float32],
-        mask_prompt: NDArray[np.float32] | None,
         cells: tuple[int, int] | None,
         min_stability: float,
     ) -> Masks:
-        if mask_prompt is not None or self._torch is None:
-            return self._run(features, coordinates, labels, mask_prompt)
+        if self._torch is None:
+            return self._run(features, coordinates, labels)
         if not self._was_checked:
             self._was_checked = True
-            expected = self._run(features, coordinates, labels, None)
+            expected = self._run(features, coordinates, labels)
             if not _agree(self._torch.decode(features, coordinates, labels), expected, _MAX_DIFFERENCE):
                 _LOG.warning("%s is decoded by onnxruntime: torch computes other masks", self._path.name)
                 self._torch = None
@@ -156,19 +153,16 @@ class MaskDecoder:
         features: NDArray[np.float32],
         coordinates: NDArray[np.float32],
         labels: NDArray[np.float32],
-        mask_prompt: NDArray[np.float32] | None,
     ) -> Masks:
-        mask_input = np.zeros((1, 1, _LOW_RES_SIDE, _LOW_RES_SIDE), np.float32)
-        if mask_prompt is not None:
-            mask_input[0, 0] = mask_prompt
         iou, logits = self._session.run(
             ["iou_predictions", "low_res_masks"],
             {
                 "image_embeddings": features,
                 "point_coords": coordinates,
                 "point_labels": labels,
-                "mask_input": mask_input,
-                "has_mask_input": np.array([mask_prompt is not None], np.float32),
+                # No prompt is a mask.
+                "mask_input": np.zeros((1, 1, _LOW_RES_SIDE, _LOW_RES_SIDE), np.float32),
+                "has_mask_input": np.zeros(1, np.float32),
                 # The decoder's enlarged masks are not used; a small size keeps them cheap.
                 "orig_im_size": np.array([_LOW_RES_SIDE, _LOW_RES_SIDE], np.float32),
             },

@@ -60,13 +60,10 @@ class Prediction:
         In the frame of the encoded picture.
     iou : float
         The IoU with the true mask, predicted by the model, about 0 to 1.
-    low_res_logits : array of shape [256, 256], float32
-        Logits in the padded square frame; can be the `mask_prompt` of another call.
     """
 
     mask: NDArray[np.bool_]
     iou: float
-    low_res_logits: NDArray[np.float32]
 
 
 class SegmentAnything:
@@ -145,7 +142,6 @@ class SegmentAnything:
         points: ArrayLike | None = None,
         labels: ArrayLike | None = None,
         box: ArrayLike | None = None,
-        mask_prompt: NDArray[np.float32] | None = None,
     ) -> tuple[NDArray[np.float32], float]:
         """Return the logits of shape [256, 256] and the predicted IoU for one prompt, without a full-size mask.
 
@@ -158,8 +154,6 @@ class SegmentAnything:
             1 inside the object, 0 outside.
         box : array-like of shape [4] or None
             x0, y0, x1, y1 in photo pixels.
-        mask_prompt : array of shape [256, 256], float32, or None
-            Logits of an earlier prediction of the same embedding.
 
         Raises
         ------
@@ -172,7 +166,7 @@ class SegmentAnything:
         For a single click or box it is the one with the highest predicted IoU of the other three. This is the rule of
         Meta's single-mask export.
         """
-        logits, ious, n_points = self._decode(embedding, points, labels, box, mask_prompt)
+        logits, ious, n_points = self._decode(embedding, points, labels, box)
         best = 0
         if len(ious) > 1 and n_points <= 2:
             best = 1 + int(np.argmax(ious[1:]))
@@ -184,7 +178,6 @@ class SegmentAnything:
         points: ArrayLike | None = None,
         labels: ArrayLike | None = None,
         box: ArrayLike | None = None,
-        mask_prompt: NDArray[np.float32] | None = None,
         *,
         without_padding: bool = False,
         min_stability: float = 0.0,
@@ -196,7 +189,7 @@ class SegmentAnything:
         that are clearly less stable than `min_stability` may then be coarse; they stay less stable.
         """
         logits, ious, _ = self._decode(
-            embedding, points, labels, box, mask_prompt, without_padding=without_padding, min_stability=min_stability
+            embedding, points, labels, box, without_padding=without_padding, min_stability=min_stability
         )
         first = 1 if len(ious) > 1 else 0
         return [(mask, float(iou)) for mask, iou in zip(logits[first:], ious[first:], strict=True)]
@@ -207,19 +200,14 @@ class SegmentAnything:
         points: ArrayLike | None,
         labels: ArrayLike | None,
         box: ArrayLike | None,
-        mask_prompt: NDArray[np.float32] | None,
         *,
         without_padding: bool = False,
         min_stability: float = 0.0,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
         """Return logits [k, 256, 256], predicted IoUs [k] and the number of points, padding included; k is 1 or 4."""
         coordinates, point_labels = _encode_prompt(embedding, points, labels, box)
-        if mask_prompt is not None and mask_prompt.shape != (LOW_RES_SIDE, LOW_RES_SIDE):
-            raise MaskError(f"A mask prompt must have the shape [256, 256], got {mask_prompt.shape}.")
         cells = _photo_cells(embedding) if without_padding else None
-        masks, ious = self._decoder.decode(
-            embedding.features, coordinates, point_labels, mask_prompt, cells, min_stability
-        )
+        masks, ious = self._decoder.decode(embedding.features, coordinates, point_labels, cells, min_stability)
         return masks, ious, point_labels.shape[1]
 
     def predict(
@@ -228,11 +216,10 @@ class SegmentAnything:
         points: ArrayLike | None = None,
         labels: ArrayLike | None = None,
         box: ArrayLike | None = None,
-        mask_prompt: NDArray[np.float32] | None = None,
     ) -> Prediction:
         """Return the mask of one prompt in the photo's frame; for parameters and errors see `predict_logits`."""
-        logits, iou = self.predict_logits(embedding, points, labels, box, mask_prompt)
-        return Prediction(_mask(logits, embedding), iou, logits)
+        logits, iou = self.predict_logits(embedding, points, labels, box)
+        return Prediction(_mask(logits, embedding), iou)
 
 
 def load_sam(name: str, *, threads: int = 2, may_use_gpu: bool = True) -> SegmentAnything:

@@ -5,7 +5,7 @@ NumPy only, because the add-on imports this package into Blender.
 
 from __future__ import annotations
 
-from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera
+from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera, similarity_scale
 from .camera_health import CameraHealth
 from .camera_storage import camera_problem, read_camera_set, write_camera_set
 from .detailed import Detailed, load_detailed, save_detailed
@@ -65,6 +65,7 @@ __all__ = [
     "read_photo_set",
     "save_measurement",
     "save_detailed",
+    "similarity_scale",
     "surface_point",
     "write_camera_set",
     "write_photo_set",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..core.arrays import Float64
 from .camera_health import CameraHealth
 
-__all__ = ["MAX_COORDINATE", "Camera", "CameraSet", "Lens", "PinholeCamera"]
+__all__ = ["MAX_COORDINATE", "Camera", "CameraSet", "Lens", "PinholeCamera", "similarity_scale"]
 
 
 MAX_COORDINATE = 1e15
@@ -141,3 +141,8 @@ class CameraSet:
     def by_photo(self) -> dict[str, Camera]:
         """The cameras by the names of their photos."""
         return {camera.photo: camera for camera in self.cameras}
+
+
+def similarity_scale(matrix: NDArray[np.floating]) -> float:
+    """Return the factor by which a similarity, [4, 4] or [3, 4], scales lengths."""
+    return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import FormatError
 from ..core.files import ArraySpec, atomic_write, read_arrays, read_versioned, write_json
-from .camera import MAX_COORDINATE, Camera, CameraSet
+from .camera import MAX_COORDINATE, Camera, CameraSet, similarity_scale
 from .camera_health import HEALTH_COLOURS, CameraHealth
 from .lens import lens_problem
 from .photo_storage import photo_name, size_problem
@@ -150,7 +150,7 @@ def _pose_problem(viewmat: NDArray[np.float64]) -> str | None:
 def _similarity(rows: list[Any]) -> NDArray[np.float64]:
     """Return a rotation, uniform scale and translation; raises `ValueError` for another matrix."""
     matrix = _matrix(rows)
-    scale = np.cbrt(np.abs(np.linalg.det(matrix[:3, :3])))
+    scale = similarity_scale(matrix)
     rigid = matrix.copy()
     rigid[:3, :3] /= scale if scale > 0 else 1.0
     if not _is_rigid(rigid):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..core.arrays import Float64
-from .camera import MAX_COORDINATE, CameraSet
+from .camera import MAX_COORDINATE, CameraSet, similarity_scale
 
 __all__ = [
     "ExportFrame",
@@ -280,7 +280,7 @@ def export_frame(camera_set: CameraSet, measurement: Measurement, name: str | No
     scale, residual = measurement.metres_per_unit, measurement.scale_residual
     if original:
         to_original = camera_set.original_from_world
-        size = float(np.cbrt(np.linalg.det(to_original[:3, :3])))
+        size = similarity_scale(to_original)
         return ExportFrame("original", to_original, None if scale is None else scale / size, residual)
     frame = "upright" if measurement.is_empty else "measured"
     return ExportFrame(frame, measurement.measured_from_world, None if scale is None else 1.0, residual)

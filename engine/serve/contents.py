@@ -7,18 +7,19 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from ..core.errors import HeritageError, ModelFileError
+from ..core.errors import HeritageError
 from ..core.files import object_file, path_within
 from ..delivery.records import describe_unit
-from ..install.models import find_model_files
 from ..project.content import ProjectObject, is_project, shown_objects
 from ..project.folder import ProjectFolder
 from ..project.objects import RECORD_FILE, load_record, state_of
 from ..project.refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
 from .library import WebProject, size_of
+from .settings import ServeSettings
 from .trash import TrashItem
 from .videos import describe_videos
+from .word_models import describe_offer
 
 __all__ = ["describe_object", "describe_project", "describe_removed", "has_scene", "summarise_project"]
 
@@ -41,7 +42,7 @@ def _cover(project: WebProject) -> str:
     return next(iter(project.photo_names()), "")
 
 
-def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
+def describe_project(queue: JobQueue, project: WebProject, settings: ServeSettings) -> dict[str, Any]:
     """Return everything that the page of a project shows."""
     not_found = read_not_found(project.project) if has_scene(project) else None
     return {
@@ -57,7 +58,7 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
             "messages": [refusal.message for refusal in not_found.refusals],
             "suggestions": list(dict.fromkeys(one for refusal in not_found.refusals for one in refusal.suggestions)),
             "objects": list(dict.fromkeys(one for refusal in not_found.refusals for one in refusal.object_ids)),
-            "offer": _offer(not_found.offer),
+            "offer": describe_offer(not_found.offer, settings),
             "candidates": [
                 {
                     "number": one.number, "text": one.text, "score": one.score, "photo": one.photo,
@@ -68,16 +69,6 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
             ],
         },
     }  # fmt: skip
-
-
-def _offer(name: str) -> dict[str, Any] | None:
-    """Return what the page tells of a model that knows more words; None for none."""
-    try:
-        files = find_model_files(name)
-    except ModelFileError:
-        return None
-    size = sum(file.size or file.approximate_size or 0 for file in files)
-    return {"model": name, "bytes": size, "licence": files[0].licence, "users": files[0].who_may_use}
 
 
 def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:

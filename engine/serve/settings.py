@@ -35,6 +35,9 @@ class ServeSettings:
         job at a time on this computer.
     device : {"auto", "cpu", "gpu"}
         What jobs train and render on, see ``reconstruct --device``.
+    fetch_models : bool or None
+        Whether users may have a model fetched to this computer, for all users. None: not with `lan`, as it is the
+        owner who decides what is installed on a server that others use; without it, the user is the owner.
     max_photo_bytes, max_video_bytes, max_user_bytes : int
         Largest photo, largest video, and all files that a user has uploaded.
     max_photos : int
@@ -91,6 +94,7 @@ class ServeSettings:
     stop_jobs: bool = False
     scheduler: str = ""
     device: Literal["auto", "cpu", "gpu"] = "auto"
+    fetch_models: bool | None = None
     max_photo_bytes: int = 200 << 20
     max_video_bytes: int = 4 << 30
     max_user_bytes: int = 50 << 30
@@ -115,3 +119,8 @@ class ServeSettings:
     upload_days: int = 2
     trash_days: int = 30
     tidy_seconds: float = 600.0
+
+    @property
+    def users_may_fetch(self) -> bool:
+        """Whether users may have a model fetched to this computer."""
+        return not self.lan if self.fetch_models is None else self.fetch_models

@@ -7,6 +7,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...engine.core.arrays import Float64
+from ...engine.scene import similarity_scale
 from ..splats.solid_mode import viewports
 
 __all__ = ["follow_move", "move_view"]
@@ -19,19 +20,15 @@ def follow_move(scene: bpy.types.Scene, move: Float64) -> None:
     for area in viewports(scene):
         space = area.spaces.active
         move_view(space.region_3d, move)
-        size = _scale_of(move)
+        size = similarity_scale(move)
         space.clip_start, space.clip_end = space.clip_start * size, max(space.clip_end, space.clip_end * size)
 
 
 def move_view(view: bpy.types.RegionView3D, move: Float64) -> None:
     """Move one view. Its roll is taken away: a scene that was levelled is looked at upright."""
-    size = _scale_of(move)
+    size = similarity_scale(move)
     turn = Matrix((move[:3, :3] / size).tolist())
     backwards = turn @ (view.view_rotation @ Vector((0.0, 0.0, 1.0)))
     view.view_location = Matrix(move.tolist()) @ view.view_location
     view.view_distance *= size
     view.view_rotation = backwards.to_track_quat("Z", "Y")
-
-
-def _scale_of(move: Float64) -> float:
-    return float(np.cbrt(abs(np.linalg.det(move[:3, :3]))))

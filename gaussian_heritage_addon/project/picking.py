@@ -11,7 +11,7 @@ import numpy as np
 
 from ...engine.core.arrays import Float64
 from ...engine.core.errors import CameraError
-from ...engine.scene import Camera, photo_pixels
+from ...engine.scene import Camera, photo_pixels, similarity_scale
 
 __all__ = ["FLIP", "View", "photo_pixel", "require_aligned"]
 
@@ -90,7 +90,7 @@ def require_aligned(camera: Camera, world_from_camera: Float64, world_from_scene
         When only one of them was moved.
     """
     relative_pose = camera.viewmat @ _solved(world_from_scene, world_from_camera @ FLIP)
-    scale = np.cbrt(abs(np.linalg.det(relative_pose[:3, :3])))
+    scale = similarity_scale(relative_pose)
     rotation = np.linalg.norm(relative_pose[:3, :3] / max(scale, 1e-12) - np.eye(3))
     if rotation > _MAX_ROTATION or np.linalg.norm(relative_pose[:3, 3]) > _MAX_TRANSLATION:
         raise CameraError(

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...engine.core.arrays import Float64
 from ...engine.core.errors import ObjectError
-from ...engine.scene import ExportFrame, Measurement
+from ...engine.scene import ExportFrame, Measurement, similarity_scale
 from ..blender.mesh_frame import stored_matrix
 from ..blender.world_placement import parents_of, set_world_matrix, world_matrix
 from ..splats.properties import photo_of, project_of
@@ -73,14 +73,14 @@ def apply_measurement(scene: bpy.types.Scene, project: Path, measurement: Measur
     try:
         for obj, move, before in places:
             placed.append((obj, before))
-            _place(obj, move @ before, _scale_of(move))
+            _place(obj, move @ before, similarity_scale(move))
     except ObjectError:
         for obj, before in placed[:-1]:
             _place(obj, before, 1.0)
         raise
     for obj, move, _ in places:
         if photo_of(obj):
-            size = _scale_of(move)
+            size = similarity_scale(move)
             obj.data.clip_start, obj.data.clip_end = obj.data.clip_start * size, obj.data.clip_end * size
     for obj in [one for one in objects if one.library is None]:
         obj[_MATRIX_KEY] = placement.ravel().tolist()
@@ -166,10 +166,6 @@ def world_from_scene(obj: bpy.types.Object) -> Float64:
 def frame_of_object(obj: bpy.types.Object) -> ExportFrame:
     """Return the frame of files exported from `obj`: Blender's world, in metres where its scene was measured."""
     return ExportFrame("blender", world_from_scene(obj), 1.0 if is_metric(obj) else None)
-
-
-def _scale_of(matrix: Float64) -> float:
-    return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
 
 
 def is_metric(obj: bpy.types.Object) -> bool:

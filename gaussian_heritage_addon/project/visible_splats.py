@@ -14,7 +14,7 @@ from ...engine.core.errors import CameraError, ObjectError
 from ...engine.core.files import path_within
 from ...engine.project.content import photo_camera
 from ...engine.rasterizer.settings import ALPHA_MIN
-from ...engine.scene import Camera, PinholeCamera, RayCaster, photo_pixels, photo_ray, read_camera_set
+from ...engine.scene import Camera, PinholeCamera, RayCaster, photo_pixels, photo_ray, read_camera_set, similarity_scale
 from ...engine.workers.jobs import Click
 from ..blender.world_placement import world_matrix
 from ..splats.properties import heritage_objects, project_of, scene_count
@@ -86,7 +86,7 @@ def viewport_camera(context: bpy.types.Context) -> PinholeCamera | None:
     region = next(one for one in area.regions if one.type == "WINDOW")
     view = area.spaces.active.region_3d
     viewmat = FLIP @ np.array(view.view_matrix, np.float64) @ world_matrix(whole) @ frame_of_whole(whole)
-    size = np.cbrt(abs(np.linalg.det(viewmat[:3, :3])))
+    size = similarity_scale(viewmat)
     if not (np.isfinite(size) and size > 0):
         return None
     viewmat[:3] /= size

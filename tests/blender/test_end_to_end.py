@@ -11,12 +11,12 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-VIEWS = (6, 7, 8, 9, 10, 11, 24, 25, 26, 27)
+VIEWS = (6, 7, 8, 9, 10, 11)
 
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with ten neighbouring photos of the museum room, and one broken file."""
+    """Return a folder with six neighbouring photos of the museum room, and one broken file."""
     source = Path(os.environ["GAUSSIAN_HERITAGE_DEMO"]) / "museum_room" / "photos"
     folder = tmp_path_factory.mktemp("a walk") / "Fotos für morgen"
     folder.mkdir()
@@ -35,7 +35,7 @@ def test_photos_become_a_scene_an_object_and_files(blender: ModuleType, photos: 
     assert len(splats.data.vertices) > 200
 
     stored = json.loads((project / "project.json").read_text(encoding="utf-8"))
-    assert stored["stages"]["cameras"]["figures"]["n_registered"] >= 8
+    assert stored["stages"]["cameras"]["figures"]["n_registered"] >= 5
     assert [photo["name"] for photo in stored["stages"]["photos"]["figures"]["rejected"]] == ["broken.jpg"]
     assert (project / "report" / "report.html").stat().st_size > 10_000
 

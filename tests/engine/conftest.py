@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from engine.cli.main import main
 from engine.core.system import describe_machine
 from engine.pipeline.planning.benchmark import calibrate
 from engine.pipeline.planning.calibration import CALIBRATION_VARIABLE, REFERENCE
+from tests.engine.museum import VIEWS, write_cameras, write_photos
 from tests.engine.pictures.blob_scene import BlobScene, make_scene
 
 if TYPE_CHECKING:
@@ -65,3 +69,32 @@ def _speed_of_the_reference_machine(tmp_path_factory: pytest.TempPathFactory) ->
         del os.environ[CALIBRATION_VARIABLE]
     else:
         os.environ[CALIBRATION_VARIABLE] = before
+
+
+@pytest.fixture(scope="session")
+def _kept_museum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with photos, ``transforms.json`` and the ``scene`` that was made of them; a copy lies beside it."""
+    folder = tmp_path_factory.mktemp("museum") / "museum"
+    photos = write_photos(folder / "photos")
+    cameras = write_cameras(folder, {f"view_{view:02}.jpg": view for view in VIEWS})
+    command = [
+        "reconstruct",
+        photos,
+        "--out",
+        folder / "scene",
+        "--preset",
+        "test",
+        "--cameras",
+        cameras,
+        "--no-objects",
+    ]
+    assert main([str(word) for word in command]) == 0
+    shutil.copytree(folder, folder.with_name("kept"))
+    return folder
+
+
+@pytest.fixture
+def museum(_kept_museum: Path) -> Path:
+    """The folder of `_kept_museum` as it was, for a test to change; at the place that its project remembers."""
+    shutil.rmtree(_kept_museum)
+    return Path(shutil.copytree(_kept_museum.with_name("kept"), _kept_museum))

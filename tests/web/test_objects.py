@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
-from benchmarks.serve.page import read_picture
+from benchmarks.serve.page import read_picture, serving
 from engine.formats import read_ply
 from engine.scene import Gaussians
 from tests.conftest import wait_until
@@ -154,6 +155,23 @@ def test_model_for_any_word_is_offered_with_size_licence_and_time(scene: Page) -
     keep_picture(scene, "state_any_word")
     dialog.get_by_role("button", name="Cancel").click()
     expect(dialog).to_be_hidden()
+
+
+@pytest.mark.web
+def test_page_of_a_server_that_fetches_no_models_tells_what_its_owner_does(
+    scene: Page, scene_path: str, data: Path, browser: Browser, tmp_path: Path
+) -> None:
+    isolate(scene, "xylograph")
+    expect(scene.get_by_role("button", name="Know any word (155.8 MB)")).to_be_visible(timeout=RUN_MS)
+    shutil.copytree(data, tmp_path / "data")
+    with serving(tmp_path / "data", "--no-fetch-models") as address, browser.new_page() as page:
+        page.goto(address + scene_path)
+        expect(
+            page.get_by_text(
+                "The owner of this server fetches the model that knows any word: python -m engine models fetch"
+            )
+        ).to_be_visible()
+        expect(page.get_by_role("button", name=re.compile("[Kk]now[s]? any word"))).to_have_count(0)
 
 
 @pytest.mark.web

@@ -60,6 +60,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="do the jobs on the workers of this Dask cluster, which share the data folder; default: here, one by one",
     )
     add_device_option(parser, "train and to render objects")
+    parser.add_argument(
+        "--fetch-models",
+        action=argparse.BooleanOptionalAction,
+        help="let users have the model that knows any word fetched to this computer (default: not with --lan, where "
+        "the owner does it: `models fetch`)",
+    )
     parser.add_argument("--check", action="store_true", help="say whether the server on this port answers")
     parser.add_argument("--add-user", metavar="NAME", help="add a user, or give a user a new token; prints it once")
     parser.add_argument("--remove-user", metavar="NAME", help="remove a user; the user's projects stay")
@@ -72,7 +78,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     settings = ServeSettings(
         data=options.data.absolute(), port=options.port, lan=options.lan, names=tuple(options.name),
         first_user=options.first_user or "", stop_jobs=options.stop_jobs, scheduler=options.scheduler,
-        device=options.device,
+        device=options.device, fetch_models=options.fetch_models,
     )  # fmt: skip
     if options.check:
         check_server(settings)

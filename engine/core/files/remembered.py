@@ -12,8 +12,9 @@ from ..errors import HeritageError
 __all__ = ["read_after_change", "stamp_of"]
 
 _Value = TypeVar("_Value")
-_MAX_FOLDERS = 4
-"""Folders whose values each function keeps: those of the scenes in one .blend file."""
+_Stamps = tuple[tuple[int, int] | None, ...]
+_MAX_FOLDERS = 1000
+"""Folders whose value each function keeps, the last one of each: a server's pages ask about all projects at once."""
 
 
 def stamp_of(file: Path) -> tuple[int, int] | None:
@@ -35,16 +36,22 @@ def read_after_change(*names: str) -> Callable[[Callable[[Path], _Value]], Calla
     """
 
     def decorated(read: Callable[[Path], _Value]) -> Callable[[Path], _Value]:
-        @functools.lru_cache(maxsize=_MAX_FOLDERS)
-        def kept(folder: Path, _: tuple[tuple[int, int] | None, ...]) -> tuple[_Value] | HeritageError:
-            try:
-                return (read(folder),)
-            except HeritageError as error:
-                return error
+        kept: dict[Path, tuple[_Stamps, tuple[_Value] | HeritageError]] = {}
 
         @functools.wraps(read)
         def current(folder: Path) -> _Value:
-            found = kept(folder, tuple(stamp_of(folder / name) for name in names))
+            stamps = tuple(stamp_of(folder / name) for name in names)
+            # Taken out and put back at the end: the first one is that which was asked for longest ago. Two threads that
+            # ask at once at worst both read.
+            before, found = kept.pop(folder, (None, None))
+            if found is None or before != stamps:
+                try:
+                    found = (read(folder),)
+                except HeritageError as error:
+                    found = error
+            kept[folder] = stamps, found
+            while len(kept) > _MAX_FOLDERS:
+                kept.pop(next(iter(list(kept))), None)
             if isinstance(found, HeritageError):
                 raise found.with_traceback(None)
             return found[0]

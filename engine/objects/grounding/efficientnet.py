@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from ...core.errors import ModelFileError
 
-__all__ = ["INPUT_SIDE", "N_FEATURES", "EfficientNetLite2"]
+__all__ = ["INPUT_SIDE", "N_FEATURES", "EfficientNetLite2", "Stage"]
 
 INPUT_SIDE = 260
 N_FEATURES = 1280
@@ -27,8 +27,8 @@ _BATCH_NORM_EPSILON = 1e-3
 
 
 @dataclass(frozen=True)
-class _Stage:
-    """A row of the paper's table 1, scaled by width 1.1 and depth 1.2."""
+class Stage:
+    """A row of the paper's table 1, with its blocks scaled by the network's depth and its channels by the width."""
 
     blocks: int
     kernel: int
@@ -37,14 +37,14 @@ class _Stage:
 
 
 _STAGES = (
-    _Stage(1, 3, 1, 16),
-    _Stage(3, 3, 2, 24),
-    _Stage(3, 5, 2, 48),
-    _Stage(4, 3, 2, 88),
-    _Stage(4, 5, 1, 120),
-    _Stage(5, 5, 2, 208),
-    _Stage(1, 3, 1, 352),
-)  # Tan and Le 2019
+    Stage(1, 3, 1, 16),
+    Stage(3, 3, 2, 24),
+    Stage(3, 5, 2, 48),
+    Stage(4, 3, 2, 88),
+    Stage(4, 5, 1, 120),
+    Stage(5, 5, 2, 208),
+    Stage(1, 3, 1, 352),
+)  # Tan and Le 2019, scaled by width 1.1 and depth 1.2
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,8 @@ class EfficientNetLite2:
     ----------
     path : Path
         ``efficientnet-lite2-9656183e.pth`` from `models.locate`.
+    stages : tuple of Stage
+        The rows of the network in the file, for another of the Lite networks than Lite2.
     bfloat16 : bool
         Compute the layers before the classes in bfloat16, which takes half of the time on processors that multiply it.
 
@@ -80,12 +82,12 @@ class EfficientNetLite2:
         When the file is damaged or contains another network.
     """
 
-    def __init__(self, path: Path, *, bfloat16: bool = False) -> None:
+    def __init__(self, path: Path, *, stages: tuple[Stage, ...] = _STAGES, bfloat16: bool = False) -> None:
         self._dtype = torch.bfloat16 if bfloat16 else torch.float32
         try:
             state: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
             self._stem = _load_convolution(state, self._dtype, "_conv_stem", "_bn0", stride=2)
-            self._blocks = _load_blocks(state, self._dtype)
+            self._blocks = _load_blocks(state, stages, self._dtype)
             self._head = _load_convolution(state, self._dtype, "_conv_head", "_bn1")
             self._class_weight, self._class_bias = state["_fc.weight"], state["_fc.bias"]
         except Exception as error:  # torch.load raises several unrelated types on a damaged file
@@ -147,10 +149,10 @@ _Block = tuple[_Convolution | None, _Convolution, _Convolution, bool]
 """Expansion (None if omitted), depthwise convolution, projection, and whether the block has a residual connection."""
 
 
-def _load_blocks(state: dict[str, Tensor], dtype: torch.dtype) -> list[_Block]:
+def _load_blocks(state: dict[str, Tensor], stages: tuple[Stage, ...], dtype: torch.dtype) -> list[_Block]:
     blocks: list[_Block] = []
     channels = 32
-    for stage in _STAGES:
+    for stage in stages:
         for position in range(stage.blocks):
             name = f"_blocks.{len(blocks)}"
             stride = stage.stride if position == 0 else 1

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .isolation import evaluate_project
     from .outlines import evaluate_outlines, outline_table
     from .results import Evaluation, mean_of
-    from .results_file import read_results, write_results
+    from .results_file import write_results
     from .summary import Summary, summarise
     from .table import INTRODUCTION, MEANINGS, data_of, markdown, write_evaluation
 
@@ -29,7 +29,6 @@ __all__ = [
     "mean_of",
     "outline_table",
     "read_ground_truth",
-    "read_results",
     "summarise",
     "write_evaluation",
     "write_results",

@@ -15,7 +15,7 @@ __all__ = ["api_router"]
 _STATUS = {
     400: "The request makes no sense.",
     401: "Nobody is signed in.",
-    403: "A page sent no token for changing requests.",
+    403: "A page sent no token for changing requests, or the owner of the server does not allow it.",
     404: "It does not exist, or belongs to another user.",
     408: "The request did not arrive in time.",
     409: "The state of the project does not allow it.",

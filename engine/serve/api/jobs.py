@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, HTTPException, Request
 from pydantic import BaseModel, Field
 
 from ...core.errors import ProjectError, PromptError, SettingsError
@@ -19,6 +19,7 @@ from ..library import WebProject
 from ..settings import ServeSettings
 from ..texts import Line
 from ..videos import frames_arguments
+from ..word_models import describe_offer
 
 __all__ = ["router"]
 
@@ -125,14 +126,14 @@ def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSett
         raise SettingsError("Give exactly one of prompt, clicks, find_all, background, accept, detail and any_word.")
     if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
         raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
-    return ["segment", str(project.project), *_prompt(project, wanted), *_device(settings)]
+    return ["segment", str(project.project), *_prompt(project, wanted, settings), *_device(settings)]
 
 
 def _device(settings: ServeSettings) -> list[str]:
     return [f"--device={settings.device}"] if settings.device != "auto" else []
 
 
-def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
+def _prompt(project: WebProject, wanted: Segmentation, settings: ServeSettings) -> list[str]:
     name = wanted.name.strip()
     if wanted.find_all:
         return ["--all"]
@@ -141,7 +142,7 @@ def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
     if wanted.detail:
         return [f"--detail={_known_object(project, wanted.object)}"] if wanted.object else ["--detail"]
     if wanted.any_word:
-        return _any_word(project)
+        return _any_word(project, settings)
     if wanted.accept is not None:
         return [f"--accept={wanted.accept}"]
     if wanted.prompt.strip():
@@ -156,10 +157,13 @@ def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
     return click_arguments(clicks, name)
 
 
-def _any_word(project: WebProject) -> list[str]:
+def _any_word(project: WebProject, settings: ServeSettings) -> list[str]:
     not_found = read_not_found(project.project)
-    if not_found is None or not not_found.offer:
+    offer = None if not_found is None else describe_offer(not_found.offer, settings)
+    if not_found is None or offer is None:
         raise PromptError("No word was refused for which another model is offered. Ask for a word first.")
+    if offer["refusal"]:
+        raise HTTPException(403, offer["refusal"])
     return any_word_arguments([one.text for one in not_found.refusals], not_found.offer)
 
 

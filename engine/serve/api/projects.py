@@ -43,7 +43,8 @@ def create_project(title: Title, request: Request, user: CurrentUser) -> dict[st
 @router.get("/{project_id}")
 def read_project(project: CurrentProject, request: Request) -> dict[str, Any]:
     """Return everything about a project."""
-    return describe_project(server_of(request).queue, project)
+    server = server_of(request)
+    return describe_project(server.queue, project, server.settings)
 
 
 @router.patch("/{project_id}")

@@ -53,7 +53,7 @@ class NoObject(SegmentAnything):
     def predict(self, embedding, *prompt):  # type: ignore[no-untyped-def]
         from engine.masks.sam import Prediction
 
-        return Prediction(np.ones((embedding.height, embedding.width), bool), 0.9, np.ones((256, 256), np.float32))
+        return Prediction(np.ones((embedding.height, embedding.width), bool), 0.9)
 
 
 def test_photos_without_an_object_are_an_error_and_a_stop_is_obeyed(tmp_path: Path) -> None:

@@ -23,7 +23,6 @@ from tests.engine.pictures.blob_scene import PART_NAMES, BlobScene
 class FakePrediction:
     mask: np.ndarray
     iou: float
-    low_res_logits: np.ndarray
 
 
 class FakeSam:
@@ -41,7 +40,7 @@ class FakeSam:
         height, width = pixels.shape[:2]
         return Embedding(np.full((1, 256, 64, 64), number, np.float32), height, width, 1024 / max(height, width))
 
-    def predict(self, embedding, points, labels, box, mask_prompt=None) -> FakePrediction:  # type: ignore[no-untyped-def]
+    def predict(self, embedding, points, labels, box) -> FakePrediction:  # type: ignore[no-untyped-def]
         photo = list(self.scene.pixels)[int(embedding.features[0, 0, 0, 0])]
         truth = self.scene.labels[photo]
         self.asked.append((photo, points, labels, box))
@@ -52,7 +51,7 @@ class FakeSam:
             mask = np.isin(truth, list(parts[1.0] - parts[0.0]))
         else:
             mask = min((truth == part for part in np.unique(truth)[1:]), key=lambda m: np.abs(box_of(m) - box).sum())
-        return FakePrediction(mask, 0.9, np.zeros((256, 256), np.float32))
+        return FakePrediction(mask, 0.9)
 
 
 def box_of(mask: np.ndarray) -> np.ndarray:

@@ -287,12 +287,12 @@ class EmptyAirSam:
     def encode(self, pixels: np.ndarray) -> np.ndarray:
         return pixels
 
-    def predict(self, embedding, points, labels, box, mask_prompt=None):  # type: ignore[no-untyped-def]
+    def predict(self, embedding, points, labels, box):  # type: ignore[no-untyped-def]
         from tests.engine.objects.fakes import FakePrediction
 
         mask = np.zeros(embedding.shape[:2], bool)
         mask[:4, :4] = True
-        return FakePrediction(mask, 0.5, np.zeros((256, 256), np.float32))
+        return FakePrediction(mask, 0.5)
 
 
 def test_scene_without_features_says_what_to_do(find, blobs: BlobScene) -> None:

@@ -13,7 +13,9 @@ from typing import Any
 
 import pytest
 
+from engine.install.models import find_model_files
 from engine.project.objects import ObjectRecord, write_record
+from engine.serve import Accounts
 from engine.serve.feeds import Feeds
 from tests.conftest import wait_until
 
@@ -307,17 +309,23 @@ def test_prompts_become_arguments(client: Client, project: str, wanted: dict[str
     assert written == ["segment", str(client.folder(project) / "project"), *words, "--events"]
 
 
+def refuse_words(project: Path, texts: list[dict[str, str]]) -> None:
+    """Store a scene whose last search did not find `texts`."""
+    (project / "gaussians").mkdir(parents=True, exist_ok=True)
+    (project / "gaussians" / "scene.ply").touch()
+    (project / "objects").mkdir(exist_ok=True)
+    stored = {"version": 1, "refused": texts, "candidates": []}
+    (project / "objects" / "candidates.json").write_text(json.dumps(stored), encoding="utf-8")
+
+
 def test_offered_model_is_fetched_and_the_refused_words_are_asked_again(client: Client, project: str) -> None:
     folder = client.folder(project) / "project"
-    (folder / "gaussians").mkdir(parents=True)
-    (folder / "gaussians" / "scene.ply").touch()
+    refuse_words(folder, [])
     jobs, wanted = f"{API}/projects/{project}/jobs", {"kind": "segment", "any_word": True}
     refused = client.http.post(jobs, json=wanted)
     assert refused.status_code == 422 and "Ask for a word first" in refused.json()["detail"]
     texts = [{"text": text, "message": "No.", "offer": "clip-vit-b-32"} for text in ("Krug", "bow, and arrow")]
-    (folder / "objects").mkdir()
-    stored = {"version": 1, "refused": texts, "candidates": []}
-    (folder / "objects" / "candidates.json").write_text(json.dumps(stored), encoding="utf-8")
+    refuse_words(folder, texts)
     offer = client.http.get(f"{API}/projects/{project}").json()["not_found"]["offer"]
     assert offer["model"] == "clip-vit-b-32" and offer["bytes"] == 155_845_627
     assert offer["licence"].startswith("MIT") and "commercial use included" in offer["users"]
@@ -326,8 +334,49 @@ def test_offered_model_is_fetched_and_the_refused_words_are_asked_again(client: 
     words = json.loads((folder / "words.json").read_text())
     assert words[2:] == ['--prompt=Krug;"bow, and arrow"', "--fetch=clip-vit-b-32", "--events"]
     texts[0]["offer"] = texts[1]["offer"] = "clip-of-next-year"
-    (folder / "objects" / "candidates.json").write_text(json.dumps(stored), encoding="utf-8")
+    refuse_words(folder, texts)
     assert client.http.get(f"{API}/projects/{project}").json()["not_found"]["offer"] is None
+
+
+@pytest.mark.parametrize(
+    ("given", "allowed"),
+    [({}, True), ({"lan": True}, False), ({"lan": True, "fetch_models": True}, True), ({"fetch_models": False}, False)],
+)
+def test_owner_decides_whether_users_have_a_model_fetched(
+    make_client: Callable[..., Client], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: dict[str, bool],
+    allowed: bool,
+) -> None:  # fmt: skip
+    monkeypatch.setenv("GAUSSIAN_HERITAGE_CACHE", str(tmp_path / "cache"))
+    token = Accounts(tmp_path / "data").add("ada")
+    client = make_client(**given)
+    user = "ada" if "lan" in given else "local"
+    if user == "ada":
+        client.http.headers["Authorization"] = f"Bearer {token}"
+    project = client.new_project()
+    refuse_words(
+        client.folder(project, user) / "project", [{"text": "Krug", "message": "No.", "offer": "clip-vit-b-32"}]
+    )
+    jobs, wanted = f"{API}/projects/{project}/jobs", {"kind": "segment", "any_word": True}
+
+    def offer() -> dict[str, Any]:
+        return dict(client.http.get(f"{API}/projects/{project}").json()["not_found"]["offer"])
+
+    said, answer = offer(), client.http.post(jobs, json=wanted)
+    assert not said["stored"] and bool(said["refusal"]) is not allowed
+    assert answer.status_code == (202 if allowed else 403)
+    if allowed:
+        return
+    assert answer.json()["detail"] == said["refusal"]
+    assert (
+        "The owner of this server fetches the model that knows any word: python -m engine models fetch clip-vit-b-32"
+        in said["refusal"]
+    )
+    # The owner has fetched it.
+    (tmp_path / "cache" / "models").mkdir(parents=True)
+    for file in find_model_files("clip-vit-b-32"):
+        (tmp_path / "cache" / "models" / file.file).touch()
+    assert offer()["stored"] and not offer()["refusal"]
+    assert client.http.post(jobs, json=wanted).status_code == 202
 
 
 def test_server_that_is_told_what_to_render_on_tells_the_engine(client: Client, project: str) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
-from engine.quality.evaluation import markdown, read_results, summarise
 from tests.engine.command_line import call
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
@@ -112,7 +112,6 @@ def test_every_kind_of_prompt_writes_its_results(
     assert answer.code == 0, answer.events
     (finished,) = answer.of_kind("finished")
     assert finished["outputs"] == {"table": str(doc), "results": str(file)}
-    found = read_results(file)
-    assert markdown(found) in doc.read_text(encoding="utf-8")
-    (figures,) = summarise(found)
-    assert (figures.n_found, figures.n_asked) == (1, 1) and figures.iou > 0.9
+    (figures,) = json.loads(file.read_text(encoding="utf-8"))["summary"]
+    assert (figures["n_found"], figures["n_asked"]) == (1, 1) and figures["iou"] > 0.9
+    assert f"{100 * figures['iou']:.1f}" in doc.read_text(encoding="utf-8")

@@ -16,6 +16,7 @@ from tests.engine.command_line import Answer, call, call_alone
 from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
 
 Run = Callable[..., Answer]
+Again = Callable[[Path], Answer]
 
 
 @pytest.fixture
@@ -34,6 +35,17 @@ def run(capsys: pytest.CaptureFixture[str], tmp_path: Path, cameras: Path) -> Ru
 
     def reconstruct(photos: Path, *more: object, out: Path = tmp_path / "scene") -> Answer:
         return call(capsys, "reconstruct", photos, "--out", out, "--preset", "test", "--cameras", cameras, *more)
+
+    return reconstruct
+
+
+@pytest.fixture
+def again(capsys: pytest.CaptureFixture[str], museum: Path) -> Again:
+    """Reconstruct the finished scene of `museum` again, from its photos or others."""
+
+    def reconstruct(photos: Path) -> Answer:
+        options = ("--preset", "test", "--cameras", museum / "transforms.json", "--no-objects")
+        return call(capsys, "reconstruct", photos, "--out", museum / "scene", *options)
 
     return reconstruct
 
@@ -101,27 +113,24 @@ def test_photos_of_all_kinds_sizes_and_names_become_one_scene(
             assert rendered.size == photo.size
 
 
-def test_photos_changed_before_a_resume_are_taken_as_they_are_now(photos: Path, tmp_path: Path, run: Run) -> None:
-    assert run(photos, "--no-objects").code == 0
-    scene = (tmp_path / "scene" / "gaussians" / "scene.ply").read_bytes()
-    assert run(photos, "--no-objects").computed == []
+def test_photos_changed_before_a_resume_are_taken_as_they_are_now(museum: Path, again: Again) -> None:
+    photos, scene = museum / "photos", (museum / "scene" / "gaussians" / "scene.ply").read_bytes()
+    assert again(photos).computed == []
     picture(9, (192, 144)).transpose(Image.Transpose.FLIP_LEFT_RIGHT).save(photos / "view_09.jpg")
-    assert run(photos, "--no-objects").computed == ["photos", "cameras", "training", "report"]
-    assert (tmp_path / "scene" / "gaussians" / "scene.ply").read_bytes() != scene
+    assert again(photos).computed == ["photos", "cameras", "training", "report"]
+    assert (museum / "scene" / "gaussians" / "scene.ply").read_bytes() != scene
     (photos / "view_09.jpg").unlink()
-    assert run(photos, "--no-objects").code == 0
-    assert figures(tmp_path / "scene", "cameras")["n_registered"] == 4
+    assert again(photos).code == 0
+    assert figures(museum / "scene", "cameras")["n_registered"] == 4
 
 
-def test_given_cameras_without_an_error_leave_strict_json(photos: Path, tmp_path: Path, run: Run) -> None:
-    assert run(photos, "--no-objects").code == 0
-
+def test_given_cameras_without_an_error_leave_strict_json(museum: Path) -> None:
     def refuse(constant: str) -> None:
         raise AssertionError(f"{constant} is no JSON")
 
     for file in ("project.json", "cameras/cameras.json", "report/report.json"):
-        json.loads((tmp_path / "scene" / file).read_text(encoding="utf-8"), parse_constant=refuse)
-    assert figures(tmp_path / "scene", "cameras")["reprojection_error"] is None
+        json.loads((museum / "scene" / file).read_text(encoding="utf-8"), parse_constant=refuse)
+    assert figures(museum / "scene", "cameras")["reprojection_error"] is None
 
 
 def test_project_inside_the_photo_folder_is_not_taken_for_photos(photos: Path, run: Run) -> None:
@@ -130,40 +139,29 @@ def test_project_inside_the_photo_folder_is_not_taken_for_photos(photos: Path, r
     assert figures(photos / "scene", "photos")["n_photos"] == len(VIEWS)
 
 
-def test_mistyped_photo_folder_leaves_the_scene_as_it_was(photos: Path, tmp_path: Path, run: Run) -> None:
-    assert run(photos, "--no-objects").code == 0
-    before = (tmp_path / "scene" / "project.json").read_bytes()
-    assert "does not exist" in run(tmp_path / "fotos", "--no-objects").error
-    assert (tmp_path / "scene" / "project.json").read_bytes() == before
+def test_mistyped_photo_folder_leaves_the_scene_as_it_was(museum: Path, again: Again) -> None:
+    before = (museum / "scene" / "project.json").read_bytes()
+    assert "does not exist" in again(museum / "fotos").error
+    assert (museum / "scene" / "project.json").read_bytes() == before
 
 
-def test_scene_of_other_photos_is_never_overwritten(photos: Path, tmp_path: Path, run: Run) -> None:
-    assert run(photos, "--no-objects").code == 0
-    before = (tmp_path / "scene" / "project.json").read_bytes()
-    (tmp_path / "others").mkdir()
+def test_scene_of_other_photos_is_never_overwritten(museum: Path, again: Again) -> None:
+    before = (museum / "scene" / "project.json").read_bytes()
+    (museum / "others").mkdir()
     for i in range(3):
-        noise(tmp_path / "others" / f"{i}.png", i)
-    error = run(tmp_path / "others", "--no-objects").error
+        noise(museum / "others" / f"{i}.png", i)
+    error = again(museum / "others").error
     assert "holds the scene of other photos" in error and "Choose another folder" in error
-    assert (tmp_path / "scene" / "project.json").read_bytes() == before
-    photos.rename(tmp_path / "moved")
-    assert run(tmp_path / "moved", "--no-objects").computed == []
-    assert json.loads((tmp_path / "scene" / "project.json").read_text())["photo_folder"] == str(tmp_path / "moved")
+    assert (museum / "scene" / "project.json").read_bytes() == before
+    (museum / "photos").rename(museum / "moved")
+    assert again(museum / "moved").computed == []
+    assert json.loads((museum / "scene" / "project.json").read_text())["photo_folder"] == str(museum / "moved")
 
 
 def test_second_job_on_one_folder_is_refused(photos: Path, tmp_path: Path, run: Run) -> None:
     with ProjectFolder.create(tmp_path / "scene"):
         assert "Another job is working in" in run(photos, "--no-objects").error
     assert run(photos, "--no-objects").code == 0
-
-
-def test_result_that_was_deleted_is_made_again(photos: Path, tmp_path: Path, run: Run) -> None:
-    assert run(photos, "--no-objects").code == 0
-    scene = (tmp_path / "scene" / "gaussians" / "scene.ply").read_bytes()
-    for file, stage in (("cameras/cameras.json", "cameras"), ("gaussians/scene.ply", "training")):
-        (tmp_path / "scene" / file).unlink()
-        assert run(photos, "--no-objects").computed == [stage]
-    assert (tmp_path / "scene" / "gaussians" / "scene.ply").read_bytes() == scene
 
 
 def test_prompts_that_name_nothing_are_refused_before_any_work(photos: Path, tmp_path: Path, run: Run) -> None:
@@ -212,15 +210,14 @@ def test_full_disk_is_a_sentence_and_the_next_run_continues(
     assert "photos" not in again.computed
 
 
-def test_forecast_made_before_the_work_is_kept_beside_what_it_took(photos: Path, tmp_path: Path, run: Run) -> None:
-    assert run(photos, "--no-objects").code == 0
-    stored = json.loads((tmp_path / "scene" / "project.json").read_text(encoding="utf-8"))
+def test_forecast_made_before_the_work_is_kept_beside_what_it_took(museum: Path, again: Again) -> None:
+    stored = json.loads((museum / "scene" / "project.json").read_text(encoding="utf-8"))
     stages = [stage["stage"] for stage in stored["forecast"]["stages"]]
     assert stages == ["photos", "cameras", "training", "report"]
     assert set(stages) == set(stored["stages"])
     assert stored["work_plan"]["preset"] == "test"
     assert all("peak_memory" in record and not record["continued"] for record in stored["stages"].values())
     before = stored["forecast"]
-    assert run(photos, "--no-objects").computed == []
-    again = json.loads((tmp_path / "scene" / "project.json").read_text(encoding="utf-8"))
-    assert again["forecast"] == before
+    assert again(museum / "photos").computed == []
+    stored = json.loads((museum / "scene" / "project.json").read_text(encoding="utf-8"))
+    assert stored["forecast"] == before

@@ -9,7 +9,7 @@ import torch
 from torch.nn import functional
 
 from engine.core.errors import ModelFileError
-from engine.objects.grounding.efficientnet import EfficientNetLite2, _pad_same
+from engine.objects.grounding.efficientnet import EfficientNetLite2, Stage, _pad_same
 from tests.engine.install.models.weights import fetched
 
 
@@ -50,3 +50,5 @@ def test_another_file_gives_a_readable_error(tmp_path: Path) -> None:
     torch.save({"_conv_stem.weight": torch.zeros((32, 3, 3, 3))}, tmp_path / "net.pth")
     with pytest.raises(ModelFileError, match="not EfficientNet-Lite2"):
         EfficientNetLite2(tmp_path / "net.pth")
+    with pytest.raises(ModelFileError, match="block 0 has an unexpected shape"):
+        EfficientNetLite2(fetched("efficientnet-lite2")[0], stages=(Stage(1, 5, 1, 16),))

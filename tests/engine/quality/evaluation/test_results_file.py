@@ -1,56 +1,35 @@
-"""The results of an evaluation come back from their file as they were, and make the same tables."""
+"""The files of an evaluation: its results and its tables."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
-from engine.core.errors import FormatError, SettingsError
-from engine.quality.evaluation.results_file import read_results, write_results
-from engine.quality.evaluation.table import data_of, markdown, write_evaluation
+from engine.core.files import finite_or_null
+from engine.quality.evaluation.results_file import write_results
+from engine.quality.evaluation.table import data_of, write_evaluation
 from tests.engine.pictures.blob_scene import BlobScene
 from tests.engine.quality.evaluation.blob_truth import write_truth
 
 
 @pytest.mark.parametrize("kind", ["text", "mask", "all"])
-def test_results_are_read_as_they_were_written(kind: str, evaluate, blobs: BlobScene, tmp_path: Path) -> None:
+def test_results_file_has_rows_and_figures(kind: str, evaluate, blobs: BlobScene, tmp_path: Path) -> None:
     truth = write_truth(blobs, tmp_path / "room" / "truth", absent=("ghost", "unicorn"))
     found = evaluate(truth, prompt_kind=kind, presets=("better",))
     file = tmp_path / "results.json"
     write_results(file, found)
-    again = read_results(file)
-    # repr: NaN is equal to nothing, not even to itself.
-    assert repr(again) == repr(found) and markdown(again) == markdown(found)
-    assert again.scene == "room" and file.stat().st_size < 20_000
+    assert file.stat().st_size < 20_000
     stored = json.loads(file.read_text(encoding="utf-8"))
+    assert stored["scene"] == "room" and stored["settings"]["prompt_kind"] == kind
+    for name in ("rows", "words"):
+        assert stored[name] == [finite_or_null(asdict(one)) for one in getattr(found, name)]
     (figures,) = stored["summary"]
     assert figures["n_asked"] == 3 and figures["method"] == "better"
     # The detector does not know the word "other red ball".
     assert stored["words_ranked_first"] == (2 if kind == "text" else None)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("version", 99), ("version", "1"), ("rows", None), ("layout", "tum"), ("settings", {}), ("stages", [1])],
-)
-def test_damaged_results_are_one_sentence(key: str, value: object, evaluate, tmp_path: Path) -> None:
-    write_results(tmp_path / "results.json", evaluate(presets=("paper",), objects=("blue ball",)))
-    stored = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
-    (tmp_path / "results.json").write_text(json.dumps({**stored, key: value}), encoding="utf-8")
-    with pytest.raises(FormatError, match=r"results\.json .*Run `python -m engine evaluate` again"):
-        read_results(tmp_path / "results.json")
-
-
-def test_results_with_unknown_settings_are_refused(evaluate, tmp_path: Path) -> None:
-    write_results(tmp_path / "results.json", evaluate(presets=("paper",), objects=("blue ball",)))
-    stored = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
-    stored["settings"]["presets"] = ["best"]
-    (tmp_path / "results.json").write_text(json.dumps(stored), encoding="utf-8")
-    with pytest.raises(SettingsError, match="presets"):
-        read_results(tmp_path / "results.json")
 
 
 def test_tables_say_whether_they_are_in_sample(evaluate, tmp_path: Path) -> None:

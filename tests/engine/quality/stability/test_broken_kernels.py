@@ -1,4 +1,5 @@
-"""Defects that are put into a kernel on purpose turn the right rows of the table red."""
+"""Defects that are put into a kernel on purpose turn the right rows of the table red; `test_cases` says that without
+them all rows are green."""
 
 from __future__ import annotations
 
@@ -9,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from numba import njit
 
 from engine.quality.stability.table import run_case, select_cases
@@ -50,7 +50,6 @@ def scaled(index: int, factor: float) -> Callable[..., int]:
 def test_a_gradient_that_is_a_ten_thousandth_too_large_is_found(
     index: int, case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert is_green(case)
     monkeypatch.setattr(cpu, "project_gaussians_backward", scaled(index, 1.0001))
     assert not is_green(case)
 
@@ -118,17 +117,3 @@ def test_a_loss_without_gradient_at_a_border_is_found(monkeypatch: pytest.Monkey
 def test_adam_without_its_bias_correction_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adam, "math", SimpleNamespace(sqrt=lambda value: 1.0))
     assert not is_green("adam_same_gradients")
-
-
-def test_the_same_cases_are_green_without_defects() -> None:
-    """The cases that the defects turn red are green without the defects."""
-    for case in (
-        "clamp_gradient",
-        "opacity_logit_+20",
-        "passes_agree",
-        "needle_centre_off",
-        "quats_zero",
-        "loss_noise",
-    ):
-        assert is_green(case), case
-    assert torch.get_num_threads() == 1

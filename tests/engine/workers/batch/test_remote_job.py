@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,16 @@ from tests.engine.workers.batch.quick_engine import MEMORY
 STAGES = list(MEMORY)
 
 
+@pytest.fixture(scope="module")
+def one_worker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler and a worker, for tests that kill neither."""
+    made = Cluster(tmp_path_factory.mktemp("one worker"), preload="tests.engine.workers.batch.quick_engine")
+    made.start_scheduler()
+    made.start_worker(nanny=False)
+    yield made
+    made.stop()
+
+
 def run(
     cluster: Cluster, command: list[str], out: Path, should_stop: Callable[[], bool] = never_stop, **settings: Any
 ) -> list[Event]:
@@ -38,31 +48,29 @@ def computed(folder: Path) -> list[str]:
 
 
 def test_reconstruction_reports_each_stage_once_as_it_would_here(
-    cluster: Cluster, make_folders: MakeFolders, tmp_path: Path
+    one_worker: Cluster, make_folders: MakeFolders, tmp_path: Path
 ) -> None:
-    cluster.start_worker(nanny=False)
     (photos,) = make_folders(1)
     out = tmp_path / "scene"
-    said = run(cluster, ["reconstruct", str(photos), f"--out={out}", "--preset=preview"], out)
+    said = run(one_worker, ["reconstruct", str(photos), f"--out={out}", "--preset=preview"], out)
     assert computed(photos) == STAGES
     assert [event.stage for event in said if isinstance(event, StageFinished)] == STAGES
     assert isinstance(said[-1], Finished) and said[-1].outputs
-    again = run(cluster, ["reconstruct", str(photos), f"--out={out}", "--preset=preview"], out)
+    again = run(one_worker, ["reconstruct", str(photos), f"--out={out}", "--preset=preview"], out)
     assert computed(photos) == STAGES and isinstance(again[-1], Finished)
 
 
 def test_error_of_the_engine_on_the_worker_is_raised_here(
-    cluster: Cluster, make_folders: MakeFolders, tmp_path: Path
+    one_worker: Cluster, make_folders: MakeFolders, tmp_path: Path
 ) -> None:
-    cluster.start_worker(nanny=False)
     (photos,) = make_folders(1, fail_cameras="The photos do not overlap.")
     out = tmp_path / "scene"
     with pytest.raises(errors.PhotoError, match="^The photos do not overlap.$"):
-        run(cluster, ["reconstruct", str(photos), f"--out={out}"], out)
+        run(one_worker, ["reconstruct", str(photos), f"--out={out}"], out)
     with pytest.raises(errors.ProjectError, match="is not a Gaussian Heritage project"):
-        run(cluster, ["segment", str(tmp_path), "--prompt=vase"], tmp_path / "nothing here")
+        run(one_worker, ["segment", str(tmp_path), "--prompt=vase"], tmp_path / "nothing here")
     with pytest.raises(errors.HeritageError, match="walk.mp4"):
-        run(cluster, ["frames", str(tmp_path / "walk.mp4"), f"--out={photos}"], photos)
+        run(one_worker, ["frames", str(tmp_path / "walk.mp4"), f"--out={photos}"], photos)
 
 
 def test_job_whose_worker_is_killed_is_done_by_another(
@@ -88,9 +96,8 @@ def test_job_whose_worker_is_killed_is_done_by_another(
 
 
 def test_job_that_is_stopped_here_stops_on_its_worker(
-    cluster: Cluster, make_folders: MakeFolders, tmp_path: Path
+    one_worker: Cluster, make_folders: MakeFolders, tmp_path: Path
 ) -> None:
-    cluster.start_worker(nanny=False)
     (photos,) = make_folders(1, sleep_cameras=str(PATIENCE))
     out = tmp_path / "scene"
 
@@ -98,7 +105,7 @@ def test_job_that_is_stopped_here_stops_on_its_worker(
         return (photos / "computed").exists() and computed(photos) == ["photos"]
 
     with pytest.raises(errors.Cancelled):
-        run(cluster, ["reconstruct", str(photos), f"--out={out}"], out, once_it_runs)
+        run(one_worker, ["reconstruct", str(photos), f"--out={out}"], out, once_it_runs)
     assert computed(photos) == ["photos"]
 
 

@@ -136,12 +136,19 @@ export function createObjects(context, { stage, clicks }) {
       ...answer.messages.map((text) => h("p", null, text)),
       suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Words to try" }, h("span", null, "Try:"), suggested) : null,
       existing.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Objects that exist" }, h("span", null, "Exists:"), existing) : null,
-      answer.offer ? action(`Know any word (${megabytes(answer.offer.bytes)})`, () => knowAnyWord(answer.offer)) : null,
+      answer.offer ? offered(answer.offer) : null,
       candidates.length > 0 ? h("p", null, "Is it one of these?") : null,
       h("ul", { class: "candidates" }, candidates.map((one) => candidateItem(one, known))),
       action(candidates.length > 0 ? "None of these: click it" : "Click it in a photo", async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
     );
     announce(`Not found. ${answer.messages.join(" ")}`);
+  }
+
+  /** A model that knows more words: to be fetched, stored since the words were refused, or the server's owner fetches it. */
+  function offered(offer) {
+    if (offer.refusal) return h("p", null, offer.refusal);
+    if (offer.stored) return action("Ask again, with the model that knows any word", () => run({ any_word: true }));
+    return action(`Know any word (${megabytes(offer.bytes)})`, () => knowAnyWord(offer));
   }
 
   /** Fetch a model that knows more words, once for all projects, and ask for the refused words again. */
