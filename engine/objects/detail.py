@@ -23,7 +23,7 @@ from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from ..masks import mask_box
 from ..photos import load_with_valid
-from ..pictures import Backend, Rendered, Scene
+from ..pictures import Rendered, Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..project.folder import ProjectFolder
 from ..scene import Camera, Detailed, Gaussians, PinholeCamera
@@ -57,8 +57,11 @@ _COMPARED_SHARE = 0.02
 _MAX_SIDE = 4096
 """Longest side, in pixels, at which a photo is read. Larger ones are reduced, which the result says."""
 
-_MAX_CROP_PIXELS = 600_000
-"""Largest crop, in pixels. Larger ones are reduced, which the result says: a step compares 4 % of it."""
+_MAP_PIXELS = 600_000
+"""Largest maps of a crop, in pixels: where it shows the object. The scene, trained on small photos, knows no more."""
+
+_MAX_PIXELS = 160_000_000
+"""Pixels of all crops together, 3 bytes each. If they have more, all are reduced, which the result says."""
 
 _MAX_PHOTOS = 40
 """Photos of which crops are made, those that differ most: each takes memory, and the steps are the same for more."""
@@ -80,7 +83,18 @@ _SIDES = 3
 """Surface of an object in pixels, relative to its pixels in one photo at the median."""
 
 _MAX_GROWTH = 6
-"""Largest number of Gaussians, relative to those that the object has."""
+"""Largest number of Gaussians, relative to those that the object has, where the photos are little finer than those that
+the scene was trained on. Finer photos allow more, by their pixels."""
+
+_PIXELS_SEEN = 100
+"""Pixels that all steps together compare, for each Gaussian that there may be: fewer would not determine it."""
+
+_PIXELS_FOR_STEPS = 300_000
+"""Pixels of the object in one photo up to which `SegmentSettings.detail_steps` are enough. Larger objects get more, by
+the root of their pixels."""
+
+_MAX_MORE_STEPS = 3
+"""Largest number of steps, relative to that."""
 
 _PREPARATION = 0.2
 """Share of the time in which the crops are made, for the progress."""
@@ -99,12 +113,15 @@ class DetailPhotos:
         Brightness of photos relative to the scene; 1 for others.
     masks : mapping of str to Path
         Files of the masks of valid pixels by photo.
+    trained_side : int
+        Longer side of the photos as the scene was trained on them, in pixels.
     """
 
     folder: Path
     held_out: frozenset[str] = frozenset()
     gains: Mapping[str, Sequence[float]] = field(default_factory=dict)
     masks: Mapping[str, Path] = field(default_factory=dict)
+    trained_side: int = 640
 
     def gain(self, photo: str) -> Float32:
         """Return the brightness of a photo relative to the scene, [3]."""
@@ -121,13 +138,16 @@ class DetailPhotos:
         """
         from ..scene import read_photo_set
 
-        figures = (project.stage_record("training") or {}).get("figures", {})
+        record = project.stage_record("training") or {}
+        figures, given = record.get("figures", {}), (record.get("run") or {}).get("settings") or {}
         plan = project.get("plan")
         held_out = plan.get("held_out", ()) if isinstance(plan, dict) else ()
         masks: Mapping[str, Path] = {}
         if (listing := project.path / "photos" / "photos.json").is_file():
             masks = read_photo_set(listing).mask_files
-        return cls(photo_folder_of(project), frozenset(held_out), figures.get("exposure") or {}, masks)
+        side = given.get("max_side")
+        trained_side = side if isinstance(side, int) and side > 0 else cls.trained_side
+        return cls(photo_folder_of(project), frozenset(held_out), figures.get("exposure") or {}, masks, trained_side)
 
 
 @dataclass(frozen=True)
@@ -139,8 +159,9 @@ class DetailResult:
     detailed : Detailed or None
         None when it was not kept.
     record : dict
-        Figures for the object's record: ``kept``, ``why`` not, ``photos``, ``validation``, ``reduced`` photos,
-        ``pixels`` of the object at the median, ``steps``, ``gaussians``, ``psnr`` before and after, ``seconds``.
+        Figures for the object's record: ``kept``, ``why`` not, ``photos``, ``validation``, ``reduced`` photos and the
+        ``scale`` that they were read at, relative to their own, ``pixels`` of the object at the median, ``steps``,
+        ``gaussians``, ``psnr`` before and after, the ``device`` of the steps, ``seconds``.
     """
 
     detailed: Detailed | None
@@ -204,14 +225,15 @@ def detail_object(
     cameras = spread_cameras([one for one in facing if one.photo not in photos.held_out], _MAX_PHOTOS)
     tests = spread_cameras([one for one in facing if one.photo in photos.held_out], _MAX_VALIDATION)
     cutter = _Cutter(views, photos, members, trained)
+    parts = [cutter.part(camera) for camera in [*cameras, *tests]]
+    cutter.scale = min(1.0, math.sqrt(_MAX_PIXELS / max(1, sum(one.width * one.height for one in parts if one))))
     crops: list[DetailCrop] = []
-    for number, camera in enumerate([*cameras, *tests]):
+    for number, (camera, part) in enumerate(zip([*cameras, *tests], parts, strict=True)):
         if should_stop():
             raise Cancelled("Stopped while detailing; nothing was stored.")
-        crop = cutter.crop(camera)
-        if crop is not None:
-            crops.append(crop)
-        tell(_PREPARATION * ((number + 1) / (len(cameras) + len(tests))), None)
+        if part is not None:
+            crops.append(cutter.crop(camera, part))
+        tell(_PREPARATION * ((number + 1) / len(parts)), None)
     crops.sort(key=lambda crop: crop.photo)
     training, validation = ([one for one in crops if (one.photo in photos.held_out) is held] for held in (False, True))
     if len(training) < _MIN_PHOTOS:
@@ -219,19 +241,19 @@ def detail_object(
     training = _weighted(training)
     if not validation:
         training, validation = _divided(training)
-    n_pixels = float(np.median([crop.inside.sum() for crop in training]))
-    budget = round(min(_MAX_GROWTH * len(rows), max(len(rows), _SIDES * n_pixels / _PIXELS_PER_GAUSSIAN)))
-    # The steps compare small windows: a card would wait for copies in each.
-    backend: Backend = "cpu" if views.scene.backend == "gpu" else views.scene.backend
+    n_pixels = float(np.median([crop.pixels_of(crop.inside) for crop in training]))
+    plan = _plan(settings.detail_steps, len(rows), n_pixels, cutter.finer)
+    backend = views.scene.backend
     others = replace(gaussians[np.flatnonzero(~members)], features=None)
     result, parents = train_detail(
-        trained, others, training, DetailPlan(settings.detail_steps, budget), backend=backend, should_stop=should_stop,
+        trained, others, training, plan, backend=backend, should_stop=should_stop,
         tell=lambda done, left: tell(_PREPARATION + (1 - _PREPARATION) * done, left),
     )  # fmt: skip
     before, after = (detail_psnr(one, validation, backend=backend) for one in (trained, result))
     record |= {
         "photos": len(training), "validation": [crop.photo for crop in validation], "reduced": cutter.n_reduced,
-        "pixels": round(n_pixels), "gaussians": [len(trained), len(result)],
+        "scale": round(cutter.scale, 3), "pixels": round(n_pixels), "gaussians": [len(trained), len(result)],
+        "steps": plan.steps, "device": "card" if backend == "gpu" else "processor",
         "psnr": [round(before, 2), round(after, 2)], "seconds": round(time.perf_counter() - started, 1),
     }  # fmt: skip
     if not after >= before + _MIN_GAIN:
@@ -244,14 +266,35 @@ def detail_object(
     return DetailResult(kept, {**record, "kept": True})
 
 
+def _plan(n_steps: int, n: int, n_pixels: float, finer: float) -> DetailPlan:
+    """Return how much an object of `n` Gaussians and `n_pixels` in one photo is trained.
+
+    `finer` is the photo's scale relative to that of the scene's training.
+    """
+    steps = round(n_steps * min(_MAX_MORE_STEPS, max(1.0, math.sqrt(n_pixels / _PIXELS_FOR_STEPS))))
+    plan = DetailPlan(steps, n)
+    surface = max(n, _SIDES * n_pixels / _PIXELS_PER_GAUSSIAN)
+    determined = max(_MAX_GROWTH * n, steps * plan.window_pixels / _PIXELS_SEEN)
+    return replace(plan, max_gaussians=round(min(surface, determined, max(_MAX_GROWTH, finer**2) * n)))
+
+
 @dataclass
 class _Cutter:
-    """Cuts the parts that show an object out of photos."""
+    """Cuts the parts that show an object out of photos.
+
+    Attributes
+    ----------
+    scale : float
+        Scale of all parts relative to the photos' own.
+    n_reduced : int
+        Photos that were read smaller than they are.
+    """
 
     views: Views
     photos: DetailPhotos
     members: Mask
     trained: Gaussians
+    scale: float = 1.0
     n_reduced: int = 0
 
     def __post_init__(self) -> None:
@@ -259,33 +302,39 @@ class _Cutter:
         self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
         self._alone = self.views.scene.with_gaussians(self.trained)
 
-    def crop(self, camera: Camera) -> DetailCrop | None:
-        """Return the part of a photo that shows the object; None where it hardly does."""
-        frame = training_pinhole(camera, max_side=_MAX_SIDE)
-        part = self._part(camera, frame)
-        if part is None:
-            return None
-        source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / frame.K[0, 0])
-        self.n_reduced += part.K[0, 0] < frame.K[0, 0] * 0.999 or max(camera.width, camera.height) > _MAX_SIDE
+    @property
+    def finer(self) -> float:
+        """How much larger the photos are read than the scene saw them, at the median."""
+        sides = [max(one.width, one.height) for one in self.views.cameras.cameras]
+        return self.scale * min(float(np.median(sides)), _MAX_SIDE) / self.photos.trained_side
+
+    def crop(self, camera: Camera, part: PinholeCamera) -> DetailCrop:
+        """Return a part of a photo that shows the object."""
+        full = training_pinhole(camera, max_side=_MAX_SIDE)
+        part = _resized(part, self.scale)
+        source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / full.K[0, 0])
+        self.n_reduced += self.scale < 0.999 or max(camera.width, camera.height) > _MAX_SIDE
         source, source_valid = load_with_valid(
             self.photos.folder / camera.photo, self.photos.masks.get(camera.photo),
             max_side=source_side, over_black=True,
         )  # fmt: skip
         pixels = undistort(source, camera, part, interpolation="linear")
-        valid = np.ones(pixels.shape[:2], bool)
+        small = _resized(part, min(1.0, math.sqrt(_MAP_PIXELS / (part.width * part.height))))
+        shown = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
+        valid = np.ones(shown.shape[:2], bool)
         if source_valid is not None:
-            valid = undistort(source_valid.astype(np.float32), camera, part, interpolation="linear") > 1.0 - 1e-4
+            valid = undistort(source_valid.astype(np.float32), camera, small, interpolation="linear") > 1.0 - 1e-4
         gain = self.photos.gain(camera.photo)
-        share, alpha, hidden, isolated = self._coverage(part)
+        share, alpha, hidden, isolated = self._coverage(small)
         # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
         # The photo tells which.
         covered = isolated.alpha[..., None]
-        difference = np.abs(isolated.channels[..., :3] * gain - covered * pixels / np.float32(255)).mean(axis=2)
+        difference = np.abs(isolated.channels[..., :3] * gain - covered * shown / np.float32(255)).mean(axis=2)
         agrees = (share <= VISIBLE_SHARE) & (isolated.alpha > VISIBLE_SHARE) & ~hidden
         agrees &= cv2.blur(difference, (5, 5)) < _AGREEING * isolated.alpha
         alpha = np.where(agrees, isolated.alpha, alpha)
         visible, known = share > VISIBLE_SHARE, valid & ~hidden
-        rim = max(1, round(_RIM_SHARE * max(frame.width, frame.height) * part.K[0, 0] / frame.K[0, 0]))
+        rim = max(1, round(_RIM_SHARE * max(full.width, full.height) * small.K[0, 0] / full.K[0, 0]))
         inside = erode_mask(visible, rim) & visible
         alpha = np.where(inside, np.float32(1), alpha)
         kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
@@ -295,8 +344,9 @@ class _Cutter:
             (inside | agrees) & valid, alpha.astype(np.float32), known, gain, float(visible.sum()),
         )  # fmt: skip
 
-    def _part(self, camera: Camera, frame: PinholeCamera) -> PinholeCamera | None:
-        """Return the camera of the part of `frame` that shows the object, as large as a crop may be."""
+    def part(self, camera: Camera) -> PinholeCamera | None:
+        """Return the camera of the part of a photo that shows the object; None where it hardly does."""
+        frame = training_pinhole(camera, max_side=_MAX_SIDE)
         small = training_pinhole(camera, max_side=self.views.render_side)
         share = self.views.scene.share(small, self.members)
         if (share > VISIBLE_SHARE).sum() < MIN_VISIBLE_PIXELS:
@@ -308,11 +358,8 @@ class _Cutter:
         left, top = (max(0, math.floor((box[i] - margins[i]) * scale)) for i in (0, 1))
         right = min(frame.width, math.ceil((box[2] + margins[0]) * scale))
         bottom = min(frame.height, math.ceil((box[3] + margins[1]) * scale))
-        reduction = min(1.0, math.sqrt(_MAX_CROP_PIXELS / ((right - left) * (bottom - top))))
-        width, height = (max(1, round(side * reduction)) for side in (right - left, bottom - top))
-        factors = np.array([width / (right - left), height / (bottom - top), 1.0])
-        K = (frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])) * factors[:, None]
-        return replace(frame, K=K, width=width, height=height)
+        K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+        return replace(frame, K=K, width=right - left, height=bottom - top)
 
     def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered]:
         """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone."""
@@ -325,6 +372,13 @@ class _Cutter:
         farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
         hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
         return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated
+
+
+def _resized(camera: PinholeCamera, scale: float) -> PinholeCamera:
+    """Return the camera of the picture at this scale, rounded to whole pixels."""
+    width, height = (max(1, round(side * scale)) for side in (camera.width, camera.height))
+    factors = np.array([width / camera.width, height / camera.height, 1.0])
+    return replace(camera, K=camera.K * factors[:, None], width=width, height=height)
 
 
 def _divided(crops: Sequence[DetailCrop]) -> tuple[list[DetailCrop], list[DetailCrop]]:

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .compilation import compile_kernels
     from .coverage import WELL_SEEN, Coverage
-    from .detail import DetailCrop, DetailPlan, detail_psnr, train_detail
+    from .detail import detail_psnr, train_detail
+    from .detail_crops import DetailCrop, DetailPlan
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
     from .losses import Target, photometric_loss, ssim
