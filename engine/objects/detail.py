@@ -9,59 +9,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 
-from ..cameras import training_pinhole, undistort
-from ..core.arrays import Float32, Mask
+from ..core.arrays import Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
-from ..masks import mask_box
-from ..photos import load_with_valid
-from ..pictures import Rendered, Scene
-from ..pictures.settings import VISIBLE_SHARE
-from ..project.folder import ProjectFolder
-from ..scene import Camera, Detailed, Gaussians, PinholeCamera
-from ..training import DetailCrop, DetailPlan, detail_psnr, train_detail
-from .context import photo_folder_of
+from ..pictures import Scene
+from ..scene import Detailed
+from ..training import DetailCrop, DetailPlan, tiles, train_detail
+from .detail_cutter import DetailCutter, DetailPhotos
 from .settings import SegmentSettings
-from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box, spread_cameras
+from .views import Views, spread_cameras
 
 __all__ = ["DetailPhotos", "DetailResult", "detail_object"]
-
-_MIN_SHARE = 0.3  # chosen on museum_room
-"""Share of a pixel that the object contributes in the scene at which the coverage that it has alone starts to rise; it
-is 1 at one minus this."""
-
-_OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
-"""Distance in front of the object, in its radii, from which on other Gaussians hide it. What is closer is the wall or
-support that a Gaussian of the object reaches into."""
-
-_AGREEING = 0.12  # chosen on museum_room
-"""Largest mean difference between colours of the object alone and those of the photo, 0 to 1, at which they agree."""
-
-_RIM_SHARE = 1 / 300
-"""Width of the edge that may be translucent, as a share of the longer side of the photo that the scene was seen in."""
-
-_MARGIN = 0.08
-"""Margin around the object in a crop, as a share of its box."""
-
-_COMPARED_SHARE = 0.02
-"""Share of a pixel that the object contributes from which on the pixel, with a margin, is compared with the photo."""
-
-_MAX_SIDE = 4096
-"""Longest side, in pixels, at which a photo is read. Larger ones are reduced, which the result says."""
-
-_MAP_PIXELS = 600_000
-"""Largest maps of a crop, in pixels: where it shows the object. The scene, trained on small photos, knows no more."""
-
-_MAX_PIXELS = 160_000_000
-"""Pixels of all crops together, 3 bytes each. If they have more, all are reduced, which the result says."""
 
 _MAX_PHOTOS = 40
 """Photos of which crops are made, those that differ most: each takes memory, and the steps are the same for more."""
@@ -72,6 +37,9 @@ _MIN_PHOTOS = 3
 _VALIDATION_SHARE, _MAX_VALIDATION = 0.12, 4
 """Share of the training photos that decide whether the detail is kept, where no test photo shows the object, and the
 largest number of photos that decide."""
+
+_JUDGED_PIXELS = 600_000
+"""Pixels of a photo, in windows all over the object, that decide."""
 
 _MIN_GAIN = 0.02
 """Gain on these photos, in dB, below which the detail is not kept."""
@@ -98,56 +66,6 @@ _MAX_MORE_STEPS = 3
 
 _PREPARATION = 0.2
 """Share of the time in which the crops are made, for the progress."""
-
-
-@dataclass(frozen=True)
-class DetailPhotos:
-    """The photos of a project as detail uses them.
-
-    Attributes
-    ----------
-    folder : Path
-    held_out : collection of str
-        Names of the test photos, which nothing is trained on; they decide whether detail is kept.
-    gains : mapping of str to sequence of 3 float
-        Brightness of photos relative to the scene; 1 for others.
-    masks : mapping of str to Path
-        Files of the masks of valid pixels by photo.
-    trained_side : int
-        Longer side of the photos as the scene was trained on them, in pixels.
-    """
-
-    folder: Path
-    held_out: frozenset[str] = frozenset()
-    gains: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    masks: Mapping[str, Path] = field(default_factory=dict)
-    trained_side: int = 640
-
-    def gain(self, photo: str) -> Float32:
-        """Return the brightness of a photo relative to the scene, [3]."""
-        return np.asarray(self.gains.get(photo, (1.0, 1.0, 1.0)), np.float32)
-
-    @classmethod
-    def of(cls, project: ProjectFolder) -> DetailPhotos:
-        """Return the photos of a trained project.
-
-        Raises
-        ------
-        FormatError
-            When the project does not name their folder.
-        """
-        from ..scene import read_photo_set
-
-        record = project.stage_record("training") or {}
-        figures, given = record.get("figures", {}), (record.get("run") or {}).get("settings") or {}
-        plan = project.get("plan")
-        held_out = plan.get("held_out", ()) if isinstance(plan, dict) else ()
-        masks: Mapping[str, Path] = {}
-        if (listing := project.path / "photos" / "photos.json").is_file():
-            masks = read_photo_set(listing).mask_files
-        side = given.get("max_side")
-        trained_side = side if isinstance(side, int) and side > 0 else cls.trained_side
-        return cls(photo_folder_of(project), frozenset(held_out), figures.get("exposure") or {}, masks, trained_side)
 
 
 @dataclass(frozen=True)
@@ -224,16 +142,15 @@ def detail_object(
     facing = views.facing(np.median(trained.means, axis=0))
     cameras = spread_cameras([one for one in facing if one.photo not in photos.held_out], _MAX_PHOTOS)
     tests = spread_cameras([one for one in facing if one.photo in photos.held_out], _MAX_VALIDATION)
-    cutter = _Cutter(views, photos, members, trained)
-    parts = [cutter.part(camera) for camera in [*cameras, *tests]]
-    cutter.scale = min(1.0, math.sqrt(_MAX_PIXELS / max(1, sum(one.width * one.height for one in parts if one))))
+    cutter = DetailCutter(views, photos, members, trained)
+    parts = {camera.photo: part for camera in [*cameras, *tests] if (part := cutter.part(camera)) is not None}
+    shown = [camera for camera in [*cameras, *tests] if camera.photo in parts]
     crops: list[DetailCrop] = []
-    for number, (camera, part) in enumerate(zip([*cameras, *tests], parts, strict=True)):
+    for crop in cutter.crops(shown, list(parts.values())):
         if should_stop():
             raise Cancelled("Stopped while detailing; nothing was stored.")
-        if part is not None:
-            crops.append(cutter.crop(camera, part))
-        tell(_PREPARATION * ((number + 1) / len(parts)), None)
+        crops.append(crop)
+        tell(_PREPARATION * len(crops) / len(shown), None)
     crops.sort(key=lambda crop: crop.photo)
     training, validation = ([one for one in crops if (one.photo in photos.held_out) is held] for held in (False, True))
     if len(training) < _MIN_PHOTOS:
@@ -243,17 +160,17 @@ def detail_object(
         training, validation = _divided(training)
     n_pixels = float(np.median([crop.pixels_of(crop.inside) for crop in training]))
     plan = _plan(settings.detail_steps, len(rows), n_pixels, cutter.finer)
-    backend = views.scene.backend
+    device = "card" if views.scene.backend == "gpu" else "processor"
     others = replace(gaussians[np.flatnonzero(~members)], features=None)
     result, parents = train_detail(
-        trained, others, training, plan, backend=backend, should_stop=should_stop,
+        trained, others, training, plan, backend=views.scene.backend, should_stop=should_stop,
         tell=lambda done, left: tell(_PREPARATION + (1 - _PREPARATION) * done, left),
     )  # fmt: skip
-    before, after = (detail_psnr(one, validation, backend=backend) for one in (trained, result))
+    before, after = (_psnr(views.scene.with_gaussians(one), validation) for one in (trained, result))
     record |= {
         "photos": len(training), "validation": [crop.photo for crop in validation], "reduced": cutter.n_reduced,
         "scale": round(cutter.scale, 3), "pixels": round(n_pixels), "gaussians": [len(trained), len(result)],
-        "steps": plan.steps, "device": "card" if backend == "gpu" else "processor",
+        "steps": plan.steps, "device": device,
         "psnr": [round(before, 2), round(after, 2)], "seconds": round(time.perf_counter() - started, 1),
     }  # fmt: skip
     if not after >= before + _MIN_GAIN:
@@ -278,107 +195,15 @@ def _plan(n_steps: int, n: int, n_pixels: float, finer: float) -> DetailPlan:
     return replace(plan, max_gaussians=round(min(surface, determined, max(_MAX_GROWTH, finer**2) * n)))
 
 
-@dataclass
-class _Cutter:
-    """Cuts the parts that show an object out of photos.
-
-    Attributes
-    ----------
-    scale : float
-        Scale of all parts relative to the photos' own.
-    n_reduced : int
-        Photos that were read smaller than they are.
-    """
-
-    views: Views
-    photos: DetailPhotos
-    members: Mask
-    trained: Gaussians
-    scale: float = 1.0
-    n_reduced: int = 0
-
-    def __post_init__(self) -> None:
-        low, _, high = inner_box(self.trained.means)
-        self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
-        self._alone = self.views.scene.with_gaussians(self.trained)
-
-    @property
-    def finer(self) -> float:
-        """How much larger the photos are read than the scene saw them, at the median."""
-        sides = [max(one.width, one.height) for one in self.views.cameras.cameras]
-        return self.scale * min(float(np.median(sides)), _MAX_SIDE) / self.photos.trained_side
-
-    def crop(self, camera: Camera, part: PinholeCamera) -> DetailCrop:
-        """Return a part of a photo that shows the object."""
-        full = training_pinhole(camera, max_side=_MAX_SIDE)
-        part = _resized(part, self.scale)
-        source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / full.K[0, 0])
-        self.n_reduced += self.scale < 0.999 or max(camera.width, camera.height) > _MAX_SIDE
-        source, source_valid = load_with_valid(
-            self.photos.folder / camera.photo, self.photos.masks.get(camera.photo),
-            max_side=source_side, over_black=True,
-        )  # fmt: skip
-        pixels = undistort(source, camera, part, interpolation="linear")
-        small = _resized(part, min(1.0, math.sqrt(_MAP_PIXELS / (part.width * part.height))))
-        shown = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
-        valid = np.ones(shown.shape[:2], bool)
-        if source_valid is not None:
-            valid = undistort(source_valid.astype(np.float32), camera, small, interpolation="linear") > 1.0 - 1e-4
-        gain = self.photos.gain(camera.photo)
-        share, alpha, hidden, isolated = self._coverage(small)
-        # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
-        # The photo tells which.
-        covered = isolated.alpha[..., None]
-        difference = np.abs(isolated.channels[..., :3] * gain - covered * shown / np.float32(255)).mean(axis=2)
-        agrees = (share <= VISIBLE_SHARE) & (isolated.alpha > VISIBLE_SHARE) & ~hidden
-        agrees &= cv2.blur(difference, (5, 5)) < _AGREEING * isolated.alpha
-        alpha = np.where(agrees, isolated.alpha, alpha)
-        visible, known = share > VISIBLE_SHARE, valid & ~hidden
-        rim = max(1, round(_RIM_SHARE * max(full.width, full.height) * small.K[0, 0] / full.K[0, 0]))
-        inside = erode_mask(visible, rim) & visible
-        alpha = np.where(inside, np.float32(1), alpha)
-        kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
-        compared = cv2.dilate((share > _COMPARED_SHARE).astype(np.uint8), kernel) > 0
-        return DetailCrop(
-            camera.photo, part, np.ascontiguousarray(pixels), compared & valid, inside & valid,
-            (inside | agrees) & valid, alpha.astype(np.float32), known, gain, float(visible.sum()),
-        )  # fmt: skip
-
-    def part(self, camera: Camera) -> PinholeCamera | None:
-        """Return the camera of the part of a photo that shows the object; None where it hardly does."""
-        frame = training_pinhole(camera, max_side=_MAX_SIDE)
-        small = training_pinhole(camera, max_side=self.views.render_side)
-        share = self.views.scene.share(small, self.members)
-        if (share > VISIBLE_SHARE).sum() < MIN_VISIBLE_PIXELS:
-            return None
-        box = mask_box(share > _MIN_SHARE)
-        assert box is not None, "the object is visible in this view"
-        scale = frame.K[0, 0] / small.K[0, 0]
-        margins = [_MARGIN * (box[2] - box[0]) + 2, _MARGIN * (box[3] - box[1]) + 2]
-        left, top = (max(0, math.floor((box[i] - margins[i]) * scale)) for i in (0, 1))
-        right = min(frame.width, math.ceil((box[2] + margins[0]) * scale))
-        bottom = min(frame.height, math.ceil((box[3] + margins[1]) * scale))
-        K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-        return replace(frame, K=K, width=right - left, height=bottom - top)
-
-    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered]:
-        """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone."""
-        scene: Scene = self.views.scene
-        channels = np.column_stack([self.members.astype(np.float32), scene.depth_of(part)])
-        in_scene = scene.render(part, channels=channels)
-        isolated = self._alone.render(part, color=True, channels=self._alone.depth_of(part)[:, None])
-        share = in_scene.channels[..., 0]
-        # Mean depths are compared, times both alphas, which may be 0.
-        farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
-        hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
-        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated
-
-
-def _resized(camera: PinholeCamera, scale: float) -> PinholeCamera:
-    """Return the camera of the picture at this scale, rounded to whole pixels."""
-    width, height = (max(1, round(side * scale)) for side in (camera.width, camera.height))
-    factors = np.array([width / camera.width, height / camera.height, 1.0])
-    return replace(camera, K=camera.K * factors[:, None], width=width, height=height)
+def _psnr(alone: Scene, crops: Sequence[DetailCrop]) -> float:
+    """Return the PSNR in dB of an object alone over black, in windows of `crops`, where they show it."""
+    total, count = 0.0, 0
+    for part in (window for crop in crops for window in tiles(crop, _JUDGED_PIXELS)):
+        image = alone.render(part.camera, color=True).channels
+        difference = np.clip(image * part.gain, 0, 1) - part.pixels / np.float32(255)
+        total += float(np.square(difference[part.shown], dtype=np.float64).sum())
+        count += 3 * int(part.shown.sum())
+    return -10.0 * math.log10(max(total / max(count, 1), 1e-10))
 
 
 def _divided(crops: Sequence[DetailCrop]) -> tuple[list[DetailCrop], list[DetailCrop]]:

@@ -23,7 +23,7 @@ from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import Gaussians, PinholeCamera
 from .adam import AdamState
 from .densify import split
-from .detail_crops import DetailCrop, DetailPlan, Levels, tiles
+from .detail_crops import DetailCrop, DetailPlan, Levels
 from .detail_rules import (
     ALONE_WEIGHT,
     COVERAGE_WEIGHT,
@@ -38,7 +38,7 @@ from .guards import backward, step_finite_rows
 from .losses import Target, photometric_loss
 from .parameters import Parameters
 
-__all__ = ["DetailSteps", "detail_psnr", "train_detail"]
+__all__ = ["DetailSteps", "train_detail"]
 
 _FINAL_RATE_FACTOR = 0.1  # chosen on museum_room
 """Learning rate at the end, relative to the first step. The rates fall exponentially."""
@@ -54,9 +54,6 @@ _MOST = 0.7
 
 _BETAS = (0.9, 0.999)
 """Decay of Adam's moments, as in `adam_step`."""
-
-_JUDGED_PIXELS = 600_000
-"""Pixels of a photo, in windows all over the object, that decide whether the detail is kept."""
 
 
 class DetailSteps(Protocol):
@@ -313,20 +310,3 @@ def _tensors(parameters: Parameters) -> list[torch.Tensor]:
     values = parameters.values
     sh = torch.cat([values["sh_dc"], values["sh_rest"]], dim=1) if "sh_rest" in values else values["sh_dc"]
     return [values["means"], values["quats"], values["log_scales"].exp(), values["opacity_logits"].sigmoid(), sh]
-
-
-def detail_psnr(gaussians: Gaussians, crops: Sequence[DetailCrop], *, backend: Backend) -> float:
-    """Return the PSNR in dB of Gaussians alone over black, in windows of `crops`, where they show them."""
-    parameters = Parameters.from_gaussians(gaussians, sh_degree=gaussians.sh_degree, features=False)
-    settings = RasterSettings(antialiased=gaussians.antialiased)
-    total, count = 0.0, 0
-    with torch.no_grad():
-        means, quats, scales, opacities, sh = _tensors(parameters)
-        for part in (window for crop in crops for window in tiles(crop, _JUDGED_PIXELS)):
-            image = rasterize(
-                means, quats, scales, opacities, sh=sh, camera=part.camera, backend=backend, settings=settings
-            ).image.numpy()  # fmt: skip
-            difference = np.clip(image * part.gain, 0, 1) - part.pixels / np.float32(255)
-            total += float(np.square(difference[part.shown], dtype=np.float64).sum())
-            count += 3 * int(part.shown.sum())
-    return -10.0 * math.log10(max(total / max(count, 1), 1e-10))
