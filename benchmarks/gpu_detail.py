@@ -57,7 +57,10 @@ def gaussians(means: np.ndarray, log_scales: np.ndarray, colors: np.ndarray, rng
     sh = np.concatenate([colors[:, None], 0.05 * rng.normal(size=(n, 3, 3))], axis=1)
     arrays = (means, log_scales, rng.normal(size=(n, 4)), np.full(n, 2.0), sh)
     names = ("means", "log_scales", "quats", "opacity_logits", "sh")
-    return Gaussians(**{name: one.astype(np.float32) for name, one in zip(names, arrays, strict=True)}, features=None)
+    return Gaussians(
+        **{name: one.astype(np.float32) for name, one in zip(names, arrays, strict=True)},
+        features=np.eye(16, dtype=np.float32)[:1].repeat(n, axis=0),
+    )
 
 
 def cameras() -> list[Camera]:

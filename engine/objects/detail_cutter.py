@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -55,7 +55,10 @@ _MAP_PIXELS = 600_000
 _MAX_PIXELS = 160_000_000
 """Pixels of all crops together, 3 bytes each. If they have more, all are reduced, which the result says."""
 
-_READERS = 4
+_CARD_SIDE = 256
+"""Sides of the maps' pictures on a card are multiples of this."""
+
+_READERS = 8
 """Photos that are read at a time: each takes the memory of a whole photo."""
 
 
@@ -132,6 +135,7 @@ class DetailCutter:
         low, _, high = inner_box(self.trained.means)
         self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
         self._alone = self.views.scene.with_gaussians(self.trained)
+        self._frames: dict[str, PinholeCamera] = {}
 
     @property
     def finer(self) -> float:
@@ -151,16 +155,20 @@ class DetailCutter:
         self.scale = min(1.0, math.sqrt(_MAX_PIXELS / max(1, total)))
         pool = ThreadPoolExecutor(min(_READERS, len(usable_cores())))
         try:
-            resized = [_resized(part, self.scale) for part in parts]
-            for camera, (part, pixels, valid) in zip(cameras, pool.map(self._read, cameras, resized), strict=True):
+            waiting: list[Future[DetailCrop]] = []
+            for camera, part in zip(cameras, parts, strict=True):
+                resized = _resized(part, self.scale)
                 self.n_reduced += self.scale < 1.0 or max(camera.width, camera.height) > _MAX_SIDE
-                yield self._crop(camera, part, pixels, valid)
+                waiting.append(pool.submit(self._crop, camera, resized, self._coverage(_map_camera(resized))))
+                if len(waiting) > 2 * _READERS:
+                    yield waiting.pop(0).result()
+            yield from (one.result() for one in waiting)
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def _read(self, camera: Camera, part: PinholeCamera) -> tuple[PinholeCamera, Pixels, Mask]:
-        """Return a part of a photo, its pixels, and which pixels of its maps are valid."""
-        full = training_pinhole(camera, max_side=_MAX_SIDE)
+    def _read(self, camera: Camera, part: PinholeCamera) -> tuple[Pixels, Mask]:
+        """Return the pixels of a part of a photo, and which pixels of its maps are valid."""
+        full = self._frames[camera.photo]
         source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / full.K[0, 0])
         source, source_valid = load_with_valid(
             self.photos.folder / camera.photo, self.photos.masks.get(camera.photo),
@@ -171,14 +179,17 @@ class DetailCutter:
         valid = np.ones((small.height, small.width), bool)
         if source_valid is not None:
             valid = undistort(source_valid.astype(np.float32), camera, small, interpolation="linear") > 1.0 - 1e-4
-        return part, pixels, valid
+        return pixels, valid
 
-    def _crop(self, camera: Camera, part: PinholeCamera, pixels: Pixels, valid: Mask) -> DetailCrop:
-        """Return a part of a photo with its maps."""
+    def _crop(
+        self, camera: Camera, part: PinholeCamera, coverage: tuple[Float32, Float32, Mask, Rendered]
+    ) -> DetailCrop:
+        """Return a part of a photo with its maps, by what `_coverage` returned."""
+        share, alpha, hidden, isolated = coverage
         small = _map_camera(part)
+        pixels, valid = self._read(camera, part)
         shown = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
         gain = self.photos.gain(camera.photo)
-        share, alpha, hidden, isolated = self._coverage(small)
         # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
         # The photo tells which.
         covered = isolated.alpha[..., None]
@@ -187,7 +198,7 @@ class DetailCutter:
         agrees &= cv2.blur(difference, (5, 5)) < _AGREEING * isolated.alpha
         alpha = np.where(agrees, isolated.alpha, alpha)
         visible, known = share > VISIBLE_SHARE, valid & ~hidden
-        full = training_pinhole(camera, max_side=_MAX_SIDE)
+        full = self._frames[camera.photo]
         rim = max(1, round(_RIM_SHARE * max(full.width, full.height) * small.K[0, 0] / full.K[0, 0]))
         inside = erode_mask(visible, rim) & visible
         alpha = np.where(inside, np.float32(1), alpha)
@@ -200,7 +211,7 @@ class DetailCutter:
 
     def part(self, camera: Camera) -> PinholeCamera | None:
         """Return the camera of the part of a photo that shows the object; None where it hardly does."""
-        frame = training_pinhole(camera, max_side=_MAX_SIDE)
+        frame = self._frames[camera.photo] = training_pinhole(camera, max_side=_MAX_SIDE)
         small = training_pinhole(camera, max_side=self.views.render_side)
         share = self.views.scene.share(small, self.members)
         if (share > VISIBLE_SHARE).sum() < MIN_VISIBLE_PIXELS:
@@ -219,8 +230,17 @@ class DetailCutter:
         """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone."""
         scene: Scene = self.views.scene
         channels = np.column_stack([self.members.astype(np.float32), scene.depth_of(part)])
-        in_scene = scene.render(part, channels=channels)
-        isolated = self._alone.render(part, color=True, channels=self._alone.depth_of(part)[:, None])
+        # A card needs time for each new size of picture.
+        side = _CARD_SIDE if scene.backend == "gpu" else 1
+        width, height = (-(-one // side) * side for one in (part.width, part.height))
+        picture, rows = replace(part, width=width, height=height), np.s_[: part.height, : part.width]
+        in_scene, isolated = (
+            Rendered(one.channels[rows], one.alpha[rows])
+            for one in (
+                scene.render(picture, channels=channels),
+                self._alone.render(picture, color=True, channels=self._alone.depth_of(part)[:, None]),
+            )
+        )
         share = in_scene.channels[..., 0]
         # Mean depths are compared, times both alphas, which may be 0.
         farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha

@@ -22,8 +22,8 @@ _COARSE = 0.25  # chosen on museum_room
 _MIDDLE = 0.55
 """Share of the steps before which windows of large photos are those of the size of the crops' maps."""
 
-_ALL = 0.999
-"""All pixels of a mask that are averaged have to belong to it, up to rounding."""
+_MUCH_LARGER = 2.0
+"""Number of pixels, relative to that of the maps, from which on crops are compared at the size of the maps, too."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,10 @@ class DetailCrop:
         arrays = {}
         for name in ("pixels", *_MAPS):
             values = getattr(self, name)
-            kind = np.float32 if values.dtype == bool else values.dtype
-            smaller = cv2.resize(values.astype(kind, copy=False), size, interpolation=cv2.INTER_AREA)
-            arrays[name] = smaller > _ALL if values.dtype == bool else smaller
+            source = values.view(np.uint8) * np.uint8(255) if values.dtype == bool else values
+            smaller = cv2.resize(source, size, interpolation=cv2.INTER_AREA)
+            # All pixels of a mask that are averaged have to belong to it.
+            arrays[name] = smaller == 255 if values.dtype == bool else smaller
         K = self.camera.K * factors[:, None]
         return replace(self, **arrays, camera=replace(self.camera, K=K, width=size[0], height=size[1]))
 
@@ -169,7 +170,10 @@ class Levels:
     def __init__(self, crops: Sequence[DetailCrop], plan: DetailPlan) -> None:
         self._crops, self._plan = crops, plan
         self._coarse = [crop.reduced(plan.window_pixels) for crop in crops]
-        self._middle = [crop.reduced(crop.alpha.size) for crop in crops]
+        self._middle = [
+            crop.reduced(crop.alpha.size) if math.prod(crop.shape) > _MUCH_LARGER * crop.alpha.size else crop
+            for crop in crops
+        ]
         weights = np.array([crop.weight for crop in crops])
         self._weights = weights / weights.sum()
         self._random = np.random.default_rng(0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,7 +33,7 @@ __all__ = ["GpuDetailSteps"]
 
 _ADVICE = "nothing of this object was stored. Run again, or add `--device cpu` to detail it on the processor."
 
-_BATCH = 32
+_BATCH = 64
 """Steps that are queued together: a cancel waits for them."""
 
 _ERROR_WINDOWS = 64
@@ -113,7 +114,8 @@ class GpuDetailSteps:
             GpuExposures(gpu, gains), np.array(limits.values, np.float32), self._n_frozen + plan.max_gaussians,
         )  # fmt: skip
         self._parents = np.arange(self._n_own)
-        self._waiting: list[_Step] = []
+        self._waiting: list[Future[_Step]] = []
+        self._packing = ThreadPoolExecutor(1)
         self._seen: deque[DetailCrop] = deque(maxlen=_ERROR_WINDOWS)
         self._generator = torch.Generator().manual_seed(0)
         self._median_scale = median_scale(torch.from_numpy(gaussians.log_scales))
@@ -126,15 +128,18 @@ class GpuDetailSteps:
         rates = {name: factor * LEARNING_RATES[name] for name in self._names}
         rates["means"] *= self._median_scale
         self._seen.append(crop)
-        window = packed_window(crop, _padded(crop.camera), self._views[crop.photo])
-        self._waiting.append(_Step(window, rates, self._degree))
+        self._waiting.append(self._packing.submit(self._packed, crop, rates))
         if len(self._waiting) == _BATCH:
             self._flush()
+
+    def _packed(self, crop: DetailCrop, rates: Mapping[str, float]) -> _Step:
+        window = packed_window(crop, _padded(crop.camera), self._views[crop.photo])
+        return _Step(window, rates, self._degree)
 
     @told_how_to_continue(_ADVICE)
     def _flush(self) -> None:
         steps, self._waiting = self._waiting, []
-        self._trainer.steps(steps)  # type: ignore[arg-type]
+        self._trainer.steps(step.result() for step in steps)  # type: ignore[arg-type, misc]
 
     @told_how_to_continue(_ADVICE)
     def grow(self, n_new: int) -> None:
@@ -170,6 +175,7 @@ class GpuDetailSteps:
     def result(self) -> tuple[Gaussians, NDArray[np.int64]]:
         """See `DetailSteps`."""
         self._flush()
+        self._packing.shutdown()
         values, moments = self._trainer.download()
         own = {name: value[self._n_frozen :] for name, value in values.items()}
         return Parameters(own, moments).to_gaussians(unit_features=False), self._parents

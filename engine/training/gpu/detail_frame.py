@@ -73,7 +73,8 @@ def _stride(n: int) -> int:
 class DetailFrame(TrainingFrame):
     """Buffers of steps of detail with pictures of one size.
 
-    The first `n_background` Gaussians of the parameters are the rest of the scene, which the second picture leaves out.
+    The first `n_background` Gaussians of the parameters are the rest of the scene, which the second picture of a step
+    leaves out.
 
     Parameters
     ----------
@@ -96,40 +97,40 @@ class DetailFrame(TrainingFrame):
         timings: Timings | None = None,
     ) -> None:
         self._object_limits = limits
-        self._lengths: list[tuple[Any, int, int]] = []
         super().__init__(gpu, size, parameters, exposures, status, pool, timings=timings)
         n_bytes = 4 * size.width * size.height
         scene, alone, cover = (("targets", 4 * i * _stride(size.width * size.height), n_bytes) for i in range(3))
         self._alone_uniform, self._coverage_uniform = self._uniform(64), self._uniform(16)
         names = ["transmittance", cover, "gradient"]
         coverage = self._step("loss", "coverage_gradient", self._coverage_uniform, names, -(-n_bytes // 1024))
-        self._loss_in_scene = self._submissions(self._loss_steps(self._loss_uniform, scene))
-        self._loss_alone = self._submissions([*self._loss_steps(self._alone_uniform, alone), coverage])
-        self._activate_alone = self._submissions(self._activate_steps(self._optimiser_uniform(0, alone=True)))
+        hide = self._step(
+            "activations", "hide_background", self._optimisers[0][0], ["geometry"], -(-parameters.n_background // 128)
+        )
+        # The last step of a loss is the gradient of the brightness, which is not trained.
+        self._loss_in_scene = self._submissions(self._loss_steps(self._loss_uniform, scene)[:-1])
+        loss_alone = self._loss_steps(self._alone_uniform, alone)[:-1]
+        # The second picture takes the lists of the first one.
+        self._alone = self._submissions([hide, self._blend_step(), *loss_alone, coverage])
         self._keep = self._submissions(self._keep_steps(adds=False))
         self._add = self._submissions(self._keep_steps(adds=True))
 
     def _sizes(self) -> dict[str, int]:
         s = self.size
         return super()._sizes() | {
-            "targets": 12 * _stride(s.width * s.height), "kept_rows": 48 * s.n_room, "kept_counts": 16,
+            "targets": 12 * _stride(s.width * s.height), "kept_rows": 48 * s.n_room,
             "kept_sh": sh_bytes(s.n_room, s.n_sh),
         }  # fmt: skip
 
     def _keep_steps(self, *, adds: bool) -> list[Dispatch]:
-        """Return the dispatches that keep the gradients and counts of the first picture, or add them."""
-        rows = self._length(48 * self.size.n_room, adds)
+        """Return the dispatches that keep the gradients of the first picture, or add them to those of the second."""
+        rows = self._constants(3 * self.size.n_room, adds)
         names: list[str | tuple[str, int, int]] = ["gradients", "kept_rows"]
         steps = [self._step("sums", "keep_values", rows, names, self._over(128, 3))]
         for _, _, at, n_bytes in self._color_ranges():
             part = [("sh_gradient", at, n_bytes), ("kept_sh", at, n_bytes)]
             groups = -(-n_bytes // (16 * 128))
-            steps.append(self._step("sums", "keep_values", self._length(n_bytes, adds), part, groups))
-        steps.append(self._step("sums", "keep_counts", self._length(0, adds), ["counts", "kept_counts"], 1))
+            steps.append(self._step("sums", "keep_values", self._constants(n_bytes // 16, adds), part, groups))
         return steps
-
-    def _length(self, n_bytes: int, adds: bool) -> dict[str, Any]:
-        return self._constants(n_bytes // 16, adds)
 
     def _last_steps(self, optimiser: Any) -> list[Dispatch]:
         data = np.ascontiguousarray(self._object_limits, np.float32)
@@ -156,12 +157,10 @@ class DetailFrame(TrainingFrame):
 
     def step(self) -> None:
         """Queue one step."""
-        ranges = [self.buffers["tile_ranges"]]
         runs = [
-            (self._activate, []), (self._forward, ranges), (self._loss_in_scene, []), (self._backward, []),
-            (self._keep, []),
-            (self._activate_alone, []), (self._forward, ranges), (self._loss_alone, []), (self._backward, []),
-            (self._add, []), (self._finish, [self.buffers["skipped"]]),
+            (self._activate, []), (self._forward, [self.buffers["tile_ranges"]]), (self._loss_in_scene, []),
+            (self._backward, []), (self._keep, []),
+            (self._alone, []), (self._backward, []), (self._add, []), (self._finish, [self.buffers["skipped"]]),
         ]  # fmt: skip
         self.start_counts()
         run_together(self.gpu, runs)

@@ -153,14 +153,19 @@ class TrainingFrame(TrainingWorkspace, Frame):
         self.buffers |= parameters.buffers | exposures.buffers | {"status": status}
         self._parameters, self._exposures, self._limits = parameters, exposures, limits
         self._loss_uniform = self._uniform(64)
-        self._optimisers: list[tuple[Uniform, int, bool]] = []
+        self._optimisers: list[tuple[Uniform, int]] = []
         self._tests: list[tuple[Uniform, int]] = []
         self._losses: dict[int, Submissions] = {}
         optimiser = self._optimiser_uniform(0)
+        names = ["log_scales", "opacity_logits", "scales", "opacities", "status", "gaussian_sums"]
+        activate = [self._step("activations", "activate", optimiser, names, self._over(256))]
+        if size.n_channels:
+            names = ["features", "channels", "status"]
+            activate.append(self._step("activations", "activate_channels", optimiser, names, self._over(16)))
         self._noise_uniform = self._uniform(32)
         self._terms: dict[type[Sample], CardLoss] = {}
         self._errors = ErrorSum(self, optimiser)
-        self._activate = self._submissions(self._activate_steps(optimiser))
+        self._activate = self._submissions(activate)
         self._finish = self._submissions(self._finish_steps(optimiser))
         self._write_tests()
 
@@ -187,19 +192,10 @@ class TrainingFrame(TrainingWorkspace, Frame):
         for uniform, fours in self._tests:
             uniform.write(np.array([fours * self.size.n, _GRADIENT_NOT_FINITE], np.uint32))
 
-    def _optimiser_uniform(self, first: int, *, alone: bool = False) -> Uniform:
+    def _optimiser_uniform(self, first: int) -> Uniform:
         uniform = self._uniform(128 + 16 * (len(GROUPS) + 1))
-        self._optimisers.append((uniform, first, alone))
+        self._optimisers.append((uniform, first))
         return uniform
-
-    def _activate_steps(self, optimiser: Uniform) -> list[Dispatch]:
-        """Return the dispatches before the forward pass."""
-        names = ["log_scales", "opacity_logits", "scales", "opacities", "status", "gaussian_sums"]
-        steps = [self._step("activations", "activate", optimiser, names, self._over(256))]
-        if self.size.n_channels:
-            names = ["features", "channels", "status"]
-            steps.append(self._step("activations", "activate_channels", optimiser, names, self._over(16)))
-        return steps
 
     def _finish_steps(self, optimiser: Any) -> list[Any]:
         """Return the dispatches after the backward pass: tests, verdict, Adam, noise, limits."""
@@ -342,7 +338,7 @@ class TrainingFrame(TrainingWorkspace, Frame):
             Whether the limits are applied after it.
         """
         s = self.size
-        for uniform, first, alone in self._optimisers:
+        for uniform, first in self._optimisers:
             integers = [
                 s.n,
                 self._parameters.n_background,
@@ -359,7 +355,7 @@ class TrainingFrame(TrainingWorkspace, Frame):
                 np.array([photo.view, self._exposures.n], np.uint32),
                 self._limit_values(photo).view(np.uint32),
                 _dropout_values(photo.dropout),
-                np.array([with_limits, alone, 0], np.uint32),
+                np.array([with_limits, 0, 0], np.uint32),
                 groups.view(np.uint32).reshape(-1),
             ]
             uniform.write(np.concatenate(values))

@@ -12,8 +12,7 @@
 fn activate(g: u32) -> vec2<f32> {
     var finite = is_finite(opacity_logits[g]);
     var total = vec2<f32>(1.0 / (1.0 + exp(-opacity_logits[g])), 0.0);
-    let hidden = optimiser.alone != 0u && g < optimiser.n_background;
-    opacities[g] = select(dropped(g, total.x).x, 0.0, hidden);
+    opacities[g] = dropped(g, total.x).x;
     for (var k = 0u; k < 3u; k++) {
         finite = finite && is_finite(log_scales[3u * g + k]);
         let scale = exp(log_scales[3u * g + k]);
