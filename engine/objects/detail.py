@@ -38,6 +38,9 @@ _VALIDATION_SHARE, _MAX_VALIDATION = 0.12, 4
 """Share of the training photos that decide whether the detail is kept, where no test photo shows the object, and the
 largest number of photos that decide."""
 
+_SHARPNESS_PIXELS = 20_000
+"""Pixels of a reduced crop whose sharpness is compared with that of others."""
+
 _JUDGED_PIXELS = 600_000
 """Pixels of a photo, in windows all over the object, that decide."""
 
@@ -220,7 +223,9 @@ def _weighted(crops: Sequence[DetailCrop]) -> list[DetailCrop]:
     """Return crops whose weights are larger where the photo is near and sharp."""
     sharpness = []
     for crop in crops:
-        gray = cv2.cvtColor(crop.reduced(20_000).pixels, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        reduction = min(1.0, math.sqrt(_SHARPNESS_PIXELS / math.prod(crop.shape)))
+        small = cv2.resize(crop.pixels, None, fx=reduction, fy=reduction, interpolation=cv2.INTER_AREA)
+        gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
         sharpness.append(float(np.abs(cv2.Laplacian(gray, cv2.CV_32F)).mean()))
     middle = max(float(np.median(sharpness)), 1e-6)
     return [

@@ -187,7 +187,7 @@ class Levels:
         return crops[index].random_window(self._plan.window_pixels, self._random)
 
 
-def tiles(crop: DetailCrop, max_pixels: int, side: int = 256) -> list[DetailCrop]:
+def tiles(crop: DetailCrop, max_pixels: int, side: int = 384) -> list[DetailCrop]:
     """Return windows of a crop that cover it, or as many of them, evenly spread, as have `max_pixels` together."""
     height, width = crop.shape
     places = [(left, top) for top in range(0, height, side) for left in range(0, width, side)]

@@ -36,10 +36,10 @@ _ADVICE = "nothing of this object was stored. Run again, or add `--device cpu` t
 _BATCH = 64
 """Steps that are queued together: a cancel waits for them."""
 
-_ERROR_WINDOWS = 64
+_ERROR_WINDOWS = 20
 """Windows, the last ones, whose errors decide where Gaussians are split."""
 
-_SIDE = 64
+_SIDE = 32
 """Sides of pictures are multiples of this, so that there are few sizes, each of which has dispatches of its own."""
 
 _MIN_GAIN = 1e-6
