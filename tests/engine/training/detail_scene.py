@@ -10,7 +10,8 @@ from engine.pictures.scene import Scene
 from engine.scene import Gaussians
 from engine.training import DetailCrop
 
-from ...pictures.blob_scene import RED, as_pinhole, camera_at, make_scene
+from ..objects.test_detail import patterned
+from ..pictures.blob_scene import RED, as_pinhole, camera_at, make_scene
 
 N_VIEWS = 6
 SCALE = 2
@@ -39,6 +40,7 @@ def detail_scene(*, gain: float = 0.9) -> DetailScene:
     """Return the red ball and the crops of `N_VIEWS` photos, all of whose pixels are in them."""
     scene = make_scene()
     red = scene.part == RED
+    fine, _ = patterned(scene.gaussians, scene.part)
     own, others = (replace(scene.gaussians[rows], features=None) for rows in (red, ~red))
     own = replace(own, log_scales=own.log_scales + np.array([0.2, -0.3, 0.0], np.float32))  # so that rotations matter
     crops = []
@@ -46,12 +48,10 @@ def detail_scene(*, gain: float = 0.9) -> DetailScene:
         small = as_pinhole(camera_at(0.2 + 2 * np.pi * number / N_VIEWS, f"view_{number}.png"))
         factors = np.array([SCALE, SCALE, 1.0])
         camera = replace(small, K=small.K * factors[:, None], width=SCALE * small.width, height=SCALE * small.height)
-        seen = Scene(scene.gaussians).render(camera, color=True, channels=red.astype(np.float32)[:, None])
+        seen = Scene(fine).render(camera, color=True)
         share = Scene(scene.gaussians).share(small, red)
         alone = Scene(own).render(small, color=True).alpha
-        column = np.arange(camera.width)[None, :, None]
-        stripes = 0.25 * np.sign(np.sin(column / 9.0 + number)) * (seen.channels[..., 3:] > 0.5)
-        pixels = (np.clip(gain * (seen.channels[..., :3] + stripes), 0, 1) * 255).astype(np.uint8)
+        pixels = (np.clip(gain * seen.channels, 0, 1) * 255).astype(np.uint8)
         inside = share > 0.9
         shown = inside | ((alone > 0.5) & (share > 0.4))
         crops.append(
