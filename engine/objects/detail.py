@@ -57,6 +57,9 @@ _MAX_GROWTH = 6
 """Largest number of Gaussians, relative to those that the object has, where the photos are little finer than those that
 the scene was trained on. Finer photos allow more, by their pixels."""
 
+_MAX_GAUSSIANS = 300_000
+"""Largest number of Gaussians, where the object has fewer: viewers draw all of it, and a file takes 30 to 70 MB."""
+
 _PIXELS_SEEN = 100
 """Pixels that all steps together compare, for each Gaussian that there may be: fewer would not determine it."""
 
@@ -195,7 +198,8 @@ def _plan(n_steps: int, n: int, n_pixels: float, finer: float) -> DetailPlan:
     plan = DetailPlan(steps, n)
     surface = max(n, _SIDES * n_pixels / _PIXELS_PER_GAUSSIAN)
     determined = max(_MAX_GROWTH * n, steps * plan.window_pixels / _PIXELS_SEEN)
-    return replace(plan, max_gaussians=round(min(surface, determined, max(_MAX_GROWTH, finer**2) * n)))
+    allowed = max(n, _MAX_GAUSSIANS)
+    return replace(plan, max_gaussians=round(min(surface, determined, allowed, max(_MAX_GROWTH, finer**2) * n)))
 
 
 def _psnr(alone: Scene, crops: Sequence[DetailCrop]) -> float:
