@@ -156,7 +156,7 @@ def detail_object(
         if should_stop():
             raise Cancelled("Stopped while detailing; nothing was stored.")
         crops.append(crop)
-        tell(_PREPARATION * len(crops) / len(shown), None)
+        tell(_PREPARATION * (len(crops) / len(shown)), None)
     crops.sort(key=lambda crop: crop.photo)
     training, validation = ([one for one in crops if (one.photo in photos.held_out) is held] for held in (False, True))
     if len(training) < _MIN_PHOTOS:
