@@ -79,7 +79,7 @@ missing because the word did not find it.
   crops of an object have more than 160 million pixels together, all are read smaller, which the record says.
 - Gaussians are split where the error of the object is: up to one for 8 pixels of its surface, one for 100 pixels that
   the steps compare, 300,000, and six times as many as before, or more where the photos are finer than those that the
-  scene was trained on. Above 300,000 pixels in a photo, an object gets more steps, by the root of its pixels, up to
+  scene was trained on. Above 400,000 pixels in a photo, an object gets more steps, by the root of its pixels, up to
   three times as many. Each follows the Gaussian of the scene that it was split from, so *Threshold*, *Part to Whole*,
   corrections and edits by hand go on working. None may be a needle, reach far, or leave the object's box.
 - The test photos decide. If the object is not closer to them than before, it stays as it is, which its record says

@@ -63,7 +63,7 @@ _MAX_GAUSSIANS = 300_000
 _PIXELS_SEEN = 100
 """Pixels that all steps together compare, for each Gaussian that there may be: fewer would not determine it."""
 
-_PIXELS_FOR_STEPS = 300_000
+_PIXELS_FOR_STEPS = 400_000
 """Pixels of the object in one photo up to which `SegmentSettings.detail_steps` are enough. Larger objects get more, by
 the root of their pixels."""
 

@@ -230,7 +230,7 @@ def test_photos_larger_than_their_maps_are_compared_at_their_own_size(
 
 
 def test_steps_and_gaussians_are_those_that_the_pixels_justify() -> None:
-    small, large, huge = (_plan(1500, 20_000, pixels, finer) for pixels, finer in ((9e4, 1.2), (6e5, 2.5), (5e6, 6.3)))
+    small, large, huge = (_plan(1500, 20_000, pixels, finer) for pixels, finer in ((9e4, 1.2), (8e5, 2.5), (5e6, 6.3)))
     assert small.steps == 1500 and small.max_gaussians == 3 * 9e4 / 8
     assert large.steps == pytest.approx(1500 * 2**0.5, abs=1) and large.max_gaussians == 125_000
     assert huge.steps == 4500 and huge.max_gaussians == 300_000
