@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -127,7 +128,7 @@ class DetailCrop:
 _MAPS = ("compared", "inside", "shown", "alpha", "known")
 
 
-def _cut(values: NDArray, to_map: NDArray[np.float64], size: tuple[int, int]) -> NDArray:
+def _cut(values: NDArray[Any], to_map: NDArray[np.float64], size: tuple[int, int]) -> NDArray[Any]:
     """Return the window `size` of a map: coverage is interpolated, and masks are those of the nearest pixel."""
     flags = cv2.WARP_INVERSE_MAP | (cv2.INTER_NEAREST if values.dtype == bool else cv2.INTER_LINEAR)
     source = values.view(np.uint8) if values.dtype == bool else values

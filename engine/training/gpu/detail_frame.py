@@ -101,7 +101,7 @@ class DetailFrame(TrainingFrame):
         n_bytes = 4 * size.width * size.height
         scene, alone, cover = (("targets", 4 * i * _stride(size.width * size.height), n_bytes) for i in range(3))
         self._alone_uniform, self._coverage_uniform = self._uniform(64), self._uniform(16)
-        names = ["transmittance", cover, "gradient"]
+        names: list[str | tuple[str, int, int]] = ["transmittance", cover, "gradient"]
         coverage = self._step("loss", "coverage_gradient", self._coverage_uniform, names, -(-n_bytes // 1024))
         hide = self._step(
             "activations", "hide_background", self._optimisers[0][0], ["geometry"], -(-parameters.n_background // 128)
