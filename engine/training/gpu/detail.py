@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from ...core.arrays import Float32
-from ...rasterizer.gpu import FrameSize, Gpu, camera_values, open_gpu
+from ...rasterizer.gpu import FrameSize, Gpu, camera_values
 from ...rasterizer.settings import RasterSettings
 from ...scene import Gaussians, PinholeCamera
 from ..densify import split
@@ -99,6 +99,8 @@ class GpuDetailSteps:
 
     @told_how_to_continue(_ADVICE)
     def __init__(self, gaussians: Gaussians, others: Gaussians, crops: Sequence[DetailCrop], plan: DetailPlan) -> None:
+        from ...rasterizer.gpu import open_gpu
+
         gpu = open_gpu()
         shown = _in_crops(others, crops)
         own, rest = (_values(one) for one in (gaussians, others[shown]))

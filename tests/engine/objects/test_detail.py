@@ -18,6 +18,7 @@ from engine.objects.settings import BETTER
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
 from engine.project.objects import ObjectRecord, object_gaussians, save_object
+from engine.rasterizer.gpu import Gpu
 from engine.scene import Camera, CameraSet, Detailed, Gaussians, load_detailed
 from tests.engine.pictures.blob_scene import HEIGHT, RED, WIDTH, as_pinhole, camera_at, make_scene
 
@@ -255,6 +256,19 @@ def test_progress_tells_the_time_left_and_a_cancel_ends_it(seen: Seen) -> None:
         )
     fractions = [done for done, _ in told]
     assert fractions == sorted(fractions) and 0.2 < fractions[-1] < 1 and told[-1][1] > 0
+
+
+def test_detail_on_the_card_is_as_good_as_on_the_processor(card: Gpu, seen: Seen) -> None:
+    results = []
+    for backend in ("cpu", "gpu"):
+        views = Views(Scene(seen.gaussians, backend=backend), seen.cameras, render_side=160)
+        settings = replace(BETTER, render_side=160, detail_steps=60)
+        results.append(detail_object(views, seen.photos, seen.members, settings, should_stop=never_stop))
+    processor, on_card = (one.record for one in results)
+    assert (processor["device"], on_card["device"]) == ("processor", "card")
+    assert on_card["psnr"][0] == pytest.approx(processor["psnr"][0], abs=0.02)
+    assert on_card["psnr"][1] == pytest.approx(processor["psnr"][1], abs=0.4) and on_card["kept"]
+    assert on_card["gaussians"] == pytest.approx(processor["gaussians"], rel=0.02)
 
 
 @pytest.fixture

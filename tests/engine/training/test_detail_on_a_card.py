@@ -6,7 +6,6 @@ import pytest
 
 from .gpu.conftest import opened_gpu  # noqa: F401
 from .gpu.test_gpu_detail import (  # noqa: F401
-    card_of_detail,
     scene,
     test_buffers_grow_for_pictures_with_more_pairs,
     test_gradients_of_a_step_are_those_of_the_processor,

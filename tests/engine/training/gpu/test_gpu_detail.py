@@ -11,7 +11,6 @@ import torch
 
 from engine.core.errors import Cancelled, EnvironmentProblem
 from engine.core.events import never_stop
-from engine.rasterizer.gpu import Gpu
 from engine.rasterizer.settings import Backend
 from engine.scene import Gaussians
 from engine.training import DetailPlan, train_detail
@@ -24,11 +23,6 @@ from ..detail_scene import DetailScene, detail_scene
 PLAN = DetailPlan(steps=80, max_gaussians=400, window_pixels=64 * 64)
 SAME_DB = 0.3
 """Largest difference in PSNR, in dB: Gaussians to split are drawn by errors of other windows, as by another seed."""
-
-
-@pytest.fixture(autouse=True)
-def card_of_detail(opened_gpu: Gpu, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("engine.training.gpu.detail.open_gpu", lambda: opened_gpu)
 
 
 @pytest.fixture(scope="module")
