@@ -131,7 +131,8 @@ def load_context(
     settings : SegmentSettings
     detector_factory, sam_factory : callable
     device : Device
-        Renders the views and counts the votes. What is stored does not depend on it, but for rounding.
+        Renders the views, counts the votes and makes the steps of detail. What is stored does not depend on it, but for
+        rounding, and in detail for which Gaussians were drawn to be split.
     emit, should_stop : callable
 
     Raises

@@ -9,56 +9,24 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 
-from ..cameras import training_pinhole, undistort
-from ..core.arrays import Float32, Mask
+from ..core.arrays import Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
-from ..masks import mask_box
-from ..photos import load_with_valid
-from ..pictures import Backend, Rendered, Scene
-from ..pictures.settings import VISIBLE_SHARE
-from ..project.folder import ProjectFolder
-from ..scene import Camera, Detailed, Gaussians, PinholeCamera
-from ..training import DetailCrop, DetailPlan, detail_psnr, train_detail
-from .context import photo_folder_of
+from ..pictures import Scene
+from ..scene import Detailed
+from ..training import DetailCrop, DetailPlan, tiles, train_detail
+from .detail_cutter import DetailCutter, DetailPhotos
 from .settings import SegmentSettings
-from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box, spread_cameras
+from .views import Views, spread_cameras
 
 __all__ = ["DetailPhotos", "DetailResult", "detail_object"]
-
-_MIN_SHARE = 0.3  # chosen on museum_room
-"""Share of a pixel that the object contributes in the scene at which the coverage that it has alone starts to rise; it
-is 1 at one minus this."""
-
-_OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
-"""Distance in front of the object, in its radii, from which on other Gaussians hide it. What is closer is the wall or
-support that a Gaussian of the object reaches into."""
-
-_AGREEING = 0.12  # chosen on museum_room
-"""Largest mean difference between colours of the object alone and those of the photo, 0 to 1, at which they agree."""
-
-_RIM_SHARE = 1 / 300
-"""Width of the edge that may be translucent, as a share of the longer side of the photo that the scene was seen in."""
-
-_MARGIN = 0.08
-"""Margin around the object in a crop, as a share of its box."""
-
-_COMPARED_SHARE = 0.02
-"""Share of a pixel that the object contributes from which on the pixel, with a margin, is compared with the photo."""
-
-_MAX_SIDE = 4096
-"""Longest side, in pixels, at which a photo is read. Larger ones are reduced, which the result says."""
-
-_MAX_CROP_PIXELS = 600_000
-"""Largest crop, in pixels. Larger ones are reduced, which the result says: a step compares 4 % of it."""
 
 _MAX_PHOTOS = 40
 """Photos of which crops are made, those that differ most: each takes memory, and the steps are the same for more."""
@@ -70,6 +38,12 @@ _VALIDATION_SHARE, _MAX_VALIDATION = 0.12, 4
 """Share of the training photos that decide whether the detail is kept, where no test photo shows the object, and the
 largest number of photos that decide."""
 
+_SHARPNESS_PIXELS = 20_000
+"""Pixels of a reduced crop whose sharpness is compared with that of others."""
+
+_JUDGED_PIXELS = 600_000
+"""Pixels of a photo, in windows all over the object, that decide."""
+
 _MIN_GAIN = 0.02
 """Gain on these photos, in dB, below which the detail is not kept."""
 
@@ -80,54 +54,24 @@ _SIDES = 3
 """Surface of an object in pixels, relative to its pixels in one photo at the median."""
 
 _MAX_GROWTH = 6
-"""Largest number of Gaussians, relative to those that the object has."""
+"""Largest number of Gaussians, relative to those that the object has, where the photos are little finer than those that
+the scene was trained on. Finer photos allow more, by their pixels."""
+
+_MAX_GAUSSIANS = 300_000
+"""Largest number of Gaussians, where the object has fewer: viewers draw all of it, and a file takes 30 to 70 MB."""
+
+_PIXELS_SEEN = 100
+"""Pixels that all steps together compare, for each Gaussian that there may be: fewer would not determine it."""
+
+_PIXELS_FOR_STEPS = 400_000
+"""Pixels of the object in one photo up to which `SegmentSettings.detail_steps` are enough. Larger objects get more, by
+the root of their pixels."""
+
+_MAX_MORE_STEPS = 3
+"""Largest number of steps, relative to that."""
 
 _PREPARATION = 0.2
 """Share of the time in which the crops are made, for the progress."""
-
-
-@dataclass(frozen=True)
-class DetailPhotos:
-    """The photos of a project as detail uses them.
-
-    Attributes
-    ----------
-    folder : Path
-    held_out : collection of str
-        Names of the test photos, which nothing is trained on; they decide whether detail is kept.
-    gains : mapping of str to sequence of 3 float
-        Brightness of photos relative to the scene; 1 for others.
-    masks : mapping of str to Path
-        Files of the masks of valid pixels by photo.
-    """
-
-    folder: Path
-    held_out: frozenset[str] = frozenset()
-    gains: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    masks: Mapping[str, Path] = field(default_factory=dict)
-
-    def gain(self, photo: str) -> Float32:
-        """Return the brightness of a photo relative to the scene, [3]."""
-        return np.asarray(self.gains.get(photo, (1.0, 1.0, 1.0)), np.float32)
-
-    @classmethod
-    def of(cls, project: ProjectFolder) -> DetailPhotos:
-        """Return the photos of a trained project.
-
-        Raises
-        ------
-        FormatError
-            When the project does not name their folder.
-        """
-        from ..scene import read_photo_set
-
-        figures = (project.stage_record("training") or {}).get("figures", {})
-        plan = project.get("plan")
-        held_out = plan.get("held_out", ()) if isinstance(plan, dict) else ()
-        masks: Mapping[str, Path] = {}
-        if (listing := project.path / "photos" / "photos.json").is_file():
-            masks = read_photo_set(listing).mask_files
-        return cls(photo_folder_of(project), frozenset(held_out), figures.get("exposure") or {}, masks)
 
 
 @dataclass(frozen=True)
@@ -139,8 +83,9 @@ class DetailResult:
     detailed : Detailed or None
         None when it was not kept.
     record : dict
-        Figures for the object's record: ``kept``, ``why`` not, ``photos``, ``validation``, ``reduced`` photos,
-        ``pixels`` of the object at the median, ``steps``, ``gaussians``, ``psnr`` before and after, ``seconds``.
+        Figures for the object's record: ``kept``, ``why`` not, ``photos``, ``validation``, ``reduced`` photos and the
+        ``scale`` that they were read at, relative to their own, ``pixels`` of the object at the median, ``steps``,
+        ``gaussians``, ``psnr`` before and after, the ``device`` of the steps, ``seconds``.
     """
 
     detailed: Detailed | None
@@ -203,15 +148,15 @@ def detail_object(
     facing = views.facing(np.median(trained.means, axis=0))
     cameras = spread_cameras([one for one in facing if one.photo not in photos.held_out], _MAX_PHOTOS)
     tests = spread_cameras([one for one in facing if one.photo in photos.held_out], _MAX_VALIDATION)
-    cutter = _Cutter(views, photos, members, trained)
+    cutter = DetailCutter(views, photos, members, trained)
+    parts = {camera.photo: part for camera in [*cameras, *tests] if (part := cutter.part(camera)) is not None}
+    shown = [camera for camera in [*cameras, *tests] if camera.photo in parts]
     crops: list[DetailCrop] = []
-    for number, camera in enumerate([*cameras, *tests]):
+    for crop in cutter.crops(shown, list(parts.values())):
         if should_stop():
             raise Cancelled("Stopped while detailing; nothing was stored.")
-        crop = cutter.crop(camera)
-        if crop is not None:
-            crops.append(crop)
-        tell(_PREPARATION * ((number + 1) / (len(cameras) + len(tests))), None)
+        crops.append(crop)
+        tell(_PREPARATION * (len(crops) / len(shown)), None)
     crops.sort(key=lambda crop: crop.photo)
     training, validation = ([one for one in crops if (one.photo in photos.held_out) is held] for held in (False, True))
     if len(training) < _MIN_PHOTOS:
@@ -219,19 +164,19 @@ def detail_object(
     training = _weighted(training)
     if not validation:
         training, validation = _divided(training)
-    n_pixels = float(np.median([crop.inside.sum() for crop in training]))
-    budget = round(min(_MAX_GROWTH * len(rows), max(len(rows), _SIDES * n_pixels / _PIXELS_PER_GAUSSIAN)))
-    # The steps compare small windows: a card would wait for copies in each.
-    backend: Backend = "cpu" if views.scene.backend == "gpu" else views.scene.backend
+    n_pixels = float(np.median([crop.pixels_of(crop.inside) for crop in training]))
+    plan = _plan(settings.detail_steps, len(rows), n_pixels, cutter.finer)
+    device = "card" if views.scene.backend == "gpu" else "processor"
     others = replace(gaussians[np.flatnonzero(~members)], features=None)
     result, parents = train_detail(
-        trained, others, training, DetailPlan(settings.detail_steps, budget), backend=backend, should_stop=should_stop,
+        trained, others, training, plan, backend=views.scene.backend, should_stop=should_stop,
         tell=lambda done, left: tell(_PREPARATION + (1 - _PREPARATION) * done, left),
     )  # fmt: skip
-    before, after = (detail_psnr(one, validation, backend=backend) for one in (trained, result))
+    before, after = (_psnr(views.scene.with_gaussians(one), validation) for one in (trained, result))
     record |= {
         "photos": len(training), "validation": [crop.photo for crop in validation], "reduced": cutter.n_reduced,
-        "pixels": round(n_pixels), "gaussians": [len(trained), len(result)],
+        "scale": round(cutter.scale, 3), "pixels": round(n_pixels), "gaussians": [len(trained), len(result)],
+        "steps": plan.steps, "device": device,
         "psnr": [round(before, 2), round(after, 2)], "seconds": round(time.perf_counter() - started, 1),
     }  # fmt: skip
     if not after >= before + _MIN_GAIN:
@@ -244,87 +189,28 @@ def detail_object(
     return DetailResult(kept, {**record, "kept": True})
 
 
-@dataclass
-class _Cutter:
-    """Cuts the parts that show an object out of photos."""
+def _plan(n_steps: int, n: int, n_pixels: float, finer: float) -> DetailPlan:
+    """Return how much an object of `n` Gaussians and `n_pixels` in one photo is trained.
 
-    views: Views
-    photos: DetailPhotos
-    members: Mask
-    trained: Gaussians
-    n_reduced: int = 0
+    `finer` is the photo's scale relative to that of the scene's training.
+    """
+    steps = round(n_steps * min(_MAX_MORE_STEPS, max(1.0, math.sqrt(n_pixels / _PIXELS_FOR_STEPS))))
+    plan = DetailPlan(steps, n)
+    surface = max(n, _SIDES * n_pixels / _PIXELS_PER_GAUSSIAN)
+    determined = max(_MAX_GROWTH * n, steps * plan.window_pixels / _PIXELS_SEEN)
+    allowed = max(n, _MAX_GAUSSIANS)
+    return replace(plan, max_gaussians=round(min(surface, determined, allowed, max(_MAX_GROWTH, finer**2) * n)))
 
-    def __post_init__(self) -> None:
-        low, _, high = inner_box(self.trained.means)
-        self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
-        self._alone = self.views.scene.with_gaussians(self.trained)
 
-    def crop(self, camera: Camera) -> DetailCrop | None:
-        """Return the part of a photo that shows the object; None where it hardly does."""
-        frame = training_pinhole(camera, max_side=_MAX_SIDE)
-        part = self._part(camera, frame)
-        if part is None:
-            return None
-        source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / frame.K[0, 0])
-        self.n_reduced += part.K[0, 0] < frame.K[0, 0] * 0.999 or max(camera.width, camera.height) > _MAX_SIDE
-        source, source_valid = load_with_valid(
-            self.photos.folder / camera.photo, self.photos.masks.get(camera.photo),
-            max_side=source_side, over_black=True,
-        )  # fmt: skip
-        pixels = undistort(source, camera, part, interpolation="linear")
-        valid = np.ones(pixels.shape[:2], bool)
-        if source_valid is not None:
-            valid = undistort(source_valid.astype(np.float32), camera, part, interpolation="linear") > 1.0 - 1e-4
-        gain = self.photos.gain(camera.photo)
-        share, alpha, hidden, isolated = self._coverage(part)
-        # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
-        # The photo tells which.
-        covered = isolated.alpha[..., None]
-        difference = np.abs(isolated.channels[..., :3] * gain - covered * pixels / np.float32(255)).mean(axis=2)
-        agrees = (share <= VISIBLE_SHARE) & (isolated.alpha > VISIBLE_SHARE) & ~hidden
-        agrees &= cv2.blur(difference, (5, 5)) < _AGREEING * isolated.alpha
-        alpha = np.where(agrees, isolated.alpha, alpha)
-        visible, known = share > VISIBLE_SHARE, valid & ~hidden
-        rim = max(1, round(_RIM_SHARE * max(frame.width, frame.height) * part.K[0, 0] / frame.K[0, 0]))
-        inside = erode_mask(visible, rim) & visible
-        alpha = np.where(inside, np.float32(1), alpha)
-        kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
-        compared = cv2.dilate((share > _COMPARED_SHARE).astype(np.uint8), kernel) > 0
-        return DetailCrop(
-            camera.photo, part, np.ascontiguousarray(pixels), compared & valid, inside & valid,
-            (inside | agrees) & valid, alpha.astype(np.float32), known, gain, float(visible.sum()),
-        )  # fmt: skip
-
-    def _part(self, camera: Camera, frame: PinholeCamera) -> PinholeCamera | None:
-        """Return the camera of the part of `frame` that shows the object, as large as a crop may be."""
-        small = training_pinhole(camera, max_side=self.views.render_side)
-        share = self.views.scene.share(small, self.members)
-        if (share > VISIBLE_SHARE).sum() < MIN_VISIBLE_PIXELS:
-            return None
-        box = mask_box(share > _MIN_SHARE)
-        assert box is not None, "the object is visible in this view"
-        scale = frame.K[0, 0] / small.K[0, 0]
-        margins = [_MARGIN * (box[2] - box[0]) + 2, _MARGIN * (box[3] - box[1]) + 2]
-        left, top = (max(0, math.floor((box[i] - margins[i]) * scale)) for i in (0, 1))
-        right = min(frame.width, math.ceil((box[2] + margins[0]) * scale))
-        bottom = min(frame.height, math.ceil((box[3] + margins[1]) * scale))
-        reduction = min(1.0, math.sqrt(_MAX_CROP_PIXELS / ((right - left) * (bottom - top))))
-        width, height = (max(1, round(side * reduction)) for side in (right - left, bottom - top))
-        factors = np.array([width / (right - left), height / (bottom - top), 1.0])
-        K = (frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])) * factors[:, None]
-        return replace(frame, K=K, width=width, height=height)
-
-    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered]:
-        """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone."""
-        scene: Scene = self.views.scene
-        channels = np.column_stack([self.members.astype(np.float32), scene.depth_of(part)])
-        in_scene = scene.render(part, channels=channels)
-        isolated = self._alone.render(part, color=True, channels=self._alone.depth_of(part)[:, None])
-        share = in_scene.channels[..., 0]
-        # Mean depths are compared, times both alphas, which may be 0.
-        farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
-        hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
-        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated
+def _psnr(alone: Scene, crops: Sequence[DetailCrop]) -> float:
+    """Return the PSNR in dB of an object alone over black, in windows of `crops`, where they show it."""
+    total, count = 0.0, 0
+    for part in (window for crop in crops for window in tiles(crop, _JUDGED_PIXELS)):
+        image = alone.render(part.camera, color=True).channels
+        difference = np.clip(image * part.gain, 0, 1) - part.pixels / np.float32(255)
+        total += float(np.square(difference[part.shown], dtype=np.float64).sum())
+        count += 3 * int(part.shown.sum())
+    return -10.0 * math.log10(max(total / max(count, 1), 1e-10))
 
 
 def _divided(crops: Sequence[DetailCrop]) -> tuple[list[DetailCrop], list[DetailCrop]]:
@@ -341,7 +227,9 @@ def _weighted(crops: Sequence[DetailCrop]) -> list[DetailCrop]:
     """Return crops whose weights are larger where the photo is near and sharp."""
     sharpness = []
     for crop in crops:
-        gray = cv2.cvtColor(crop.reduced(20_000).pixels, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        reduction = min(1.0, math.sqrt(_SHARPNESS_PIXELS / math.prod(crop.shape)))
+        small = cv2.resize(crop.pixels, None, fx=reduction, fy=reduction, interpolation=cv2.INTER_AREA)
+        gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
         sharpness.append(float(np.abs(cv2.Laplacian(gray, cv2.CV_32F)).mean()))
     middle = max(float(np.median(sharpness)), 1e-6)
     return [

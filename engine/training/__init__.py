@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .compilation import compile_kernels
     from .coverage import WELL_SEEN, Coverage
-    from .detail import DetailCrop, DetailPlan, detail_psnr, train_detail
+    from .detail import train_detail
+    from .detail_crops import DetailCrop, DetailPlan, tiles
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
     from .losses import Target, photometric_loss, ssim
@@ -51,7 +52,6 @@ __all__ = [
     "background_gaussians",
     "compile_kernels",
     "delete_old_runs",
-    "detail_psnr",
     "gaussians_so_far",
     "is_held_out",
     "key_values",
@@ -66,6 +66,7 @@ __all__ = [
     "sizes_on_card",
     "ssim",
     "start_gaussians",
+    "tiles",
     "train",
     "train_detail",
 ]

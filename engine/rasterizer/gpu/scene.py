@@ -23,7 +23,7 @@ from ..settings import RasterSettings
 from .adapters import Gpu, translate_card_errors
 from .frame import Frame
 from .layout import FrameSize, grown_capacity, pack_sh, sh_bytes
-from .submissions import Dispatch
+from .submissions import Dispatch, Timings
 from .workspace import Workspace
 
 __all__ = ["GpuScene"]
@@ -129,6 +129,7 @@ class GpuScene:
         self._sh, self._n = sh, len(means)
         self._capacity = max(4096, 4 * self._n)
         self._pool: dict[str, Any] = {}
+        self._timings = Timings(gpu)
         self._frames: _Frames = OrderedDict()
         self._camera: PinholeCamera | None = None
         # Frames and their dispatches refer to each other: without this, their memory waits for the collector.
@@ -262,7 +263,7 @@ class GpuScene:
         size = camera.width, camera.height
         if size not in self._frames:
             frame_size = FrameSize(self._n, 0, 4, *size, self._capacity, backward=False)
-            lists = _Lists(self._gpu, frame_size, shared=self._values.buffers, pool=self._pool)
+            lists = _Lists(self._gpu, frame_size, shared=self._values.buffers, pool=self._pool, timings=self._timings)
             self._frames[size] = {(_Lists, 0, 0): lists}
         self._frames.move_to_end(size)
         while len(self._frames) > MAX_SIZES:
@@ -280,7 +281,9 @@ class GpuScene:
             )
             lists = frames[_Lists, 0, 0].buffers
             shared: Mapping[str, Any] = self._values.buffers | {name: lists[name] for name in _LISTED}
-            frames[kind, n_sh, room] = kind(self._gpu, size, n_moving=0, shared=shared, pool=self._pool)
+            frames[kind, n_sh, room] = kind(
+                self._gpu, size, n_moving=0, shared=shared, pool=self._pool, timings=self._timings
+            )
         found = frames[kind, n_sh, room]
         assert isinstance(found, _Picture)
         return found

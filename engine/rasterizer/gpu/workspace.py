@@ -111,7 +111,7 @@ class Workspace:
 
     def _check_bindings(self, sizes: Mapping[str, int]) -> None:
         for name, n_bytes in sizes.items():
-            if n_bytes > self.gpu.max_binding_bytes and name not in ("sh", "sh_gradient"):
+            if n_bytes > self.gpu.max_binding_bytes and name not in ("sh", "sh_gradient", "kept_sh"):
                 raise EnvironmentProblem(
                     f"{self.gpu.name} lets a kernel see {self.gpu.max_binding_bytes >> 20} MiB and {self._what} "
                     f"needs {n_bytes >> 20} MiB for `{name}`; {SMALLER}."

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from .detail import GpuDetailSteps
     from .parameters import GpuParameters
     from .plans import StepPlan
     from .settings import StepLimits, StepSettings
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Dropout",
+    "GpuDetailSteps",
     "GpuParameters",
     "GpuSteps",
     "GpuTrainer",

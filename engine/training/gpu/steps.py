@@ -25,7 +25,7 @@ from .plan_of_step import plan_of_step, step_settings
 from .plans import StepPlan
 from .trainer import GpuTrainer
 
-__all__ = ["GpuSteps"]
+__all__ = ["GpuSteps", "told_how_to_continue"]
 
 CHECKPOINT_SECONDS = 30.0
 """Time between two checkpoints: what a card that stops working loses at most."""
@@ -38,12 +38,17 @@ _ADVICE = (
 
 
 @contextlib.contextmanager
-def _told_how_to_continue() -> Iterator[None]:
-    """Give the advice of training in place of that of a single picture."""
+def told_how_to_continue(advice: str = _ADVICE) -> Iterator[None]:
+    """Give the advice of training in place of that of a single picture.
+
+    Raises
+    ------
+    EnvironmentProblem
+    """
     try:
         yield
     except EnvironmentProblem as problem:
-        raise EnvironmentProblem(f"{str(problem).partition(';')[0].rstrip('.')}; {_ADVICE}") from problem
+        raise EnvironmentProblem(f"{str(problem).partition(';')[0].rstrip('.')}; {advice}") from problem
 
 
 class GpuSteps:
@@ -73,7 +78,7 @@ class GpuSteps:
         assert self._trainer is not None, "`use` comes first"
         return self._trainer
 
-    @_told_how_to_continue()
+    @told_how_to_continue()
     def use(self, state: RunState, schedule: Schedule) -> None:
         """Copy `state` to the card and train it from now on."""
         self._state, self._schedule = state, schedule
@@ -92,7 +97,7 @@ class GpuSteps:
             self._trainer.exposures.write(exposure, state.exposure_moments)
         self._trainer.guards = Counter(state.guards)
 
-    @_told_how_to_continue()
+    @told_how_to_continue()
     def advance(self, n: int) -> float:
         """Make up to `n` steps, at least one, with the growth that is due after them; return the last loss."""
         state = self._state
@@ -176,12 +181,12 @@ class GpuSteps:
         if bool(population.fresh.any()):
             self._card.rearrange(population.geometry, population.values["sources"], population.fresh)
 
-    @_told_how_to_continue()
+    @told_how_to_continue()
     def picture(self, level: Level, sh_degree: int) -> torch.Tensor:
         """Return the Gaussians over black from the camera of `level`, [h, w, 3] in [0, 1]."""
         return torch.from_numpy(self._card.render(level.camera, sh_degree)).clamp_(0.0, 1.0)
 
-    @_told_how_to_continue()
+    @told_how_to_continue()
     def store(self) -> None:
         """Write all numbers into the state."""
         parameters = self._state.parameters

@@ -469,6 +469,15 @@ class GpuTrainer:
         )  # fmt: skip
         frame.set_photo(loss)
         self.exposures.use(plan.centred)
+        frame.set_noise(plan.noise)
+        self._set_optimiser(frame, plan, loss, index, queued)
+        frame.step()
+
+    def _set_optimiser(
+        self, frame: TrainingFrame, plan: StepPlan, loss: PhotoLoss, index: int, queued: Mapping[str, int]
+    ) -> None:
+        """Set the constants of Adam for one step; the rest as of `_queue`."""
+        settings = self.settings
         rates = {name: (plan.learning_rates[name], self.parameters.steps[name]) for name in self._trained(plan)}
         if plan.exposure_rate is not None:
             rates[_EXPOSURE] = plan.exposure_rate, self.exposures.step
@@ -477,12 +486,10 @@ class GpuTrainer:
             t = done + queued[name]
             root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
             groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
-        frame.set_noise(plan.noise)
         factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
         frame.set_optimiser(
             index, loss, settings.unit_features, np.array(factors, np.float32), groups, with_limits=plan.limits
         )
-        frame.step()
 
     def _frame(self, camera: PinholeCamera, *, with_features: bool = True) -> TrainingFrame:
         """Return the frame of a size of picture, which blends features only if they are trained in the step.

@@ -217,8 +217,12 @@ class TrainingFrame(TrainingWorkspace, Frame):
             steps.append(self._step("adam", "adam_channels", optimiser, names, self._over(128, s.n_channels)))
         names = ["exposure_gradient", "exposure", "exposure_mean", "exposure_square", "in_use", "skipped"]
         steps.append(self._step("adam", "adam_exposure", optimiser, names, 1))
+        return [*steps, *self._last_steps(optimiser)]
+
+    def _last_steps(self, optimiser: Any) -> list[Dispatch]:
+        """Return the dispatches after Adam's: noise, limits."""
         names = ["means", "quats", "log_scales", "opacity_logits", "skipped"]
-        steps.append(self._step("noise", "noise", self._noise_uniform, names, self._over(128)))
+        steps = [self._step("noise", "noise", self._noise_uniform, names, self._over(128))]
         if self._limits is not None:
             names = ["means", "quats", "log_scales", "opacity_logits", "skipped", "status"]
             steps.append(self._step("limits", "limits", optimiser, names, self._over(128)))
@@ -248,11 +252,17 @@ class TrainingFrame(TrainingWorkspace, Frame):
 
     def set_photo(self, photo: PhotoLoss) -> None:
         """Set the photo of the next steps and the weights of the loss."""
+        self._loss_uniform.write(self._loss_values(photo))
+        self._loss = self._loss_of(photo.given)
+        self._photo = photo
+
+    def _loss_values(self, photo: PhotoLoss) -> NDArray[np.uint32]:
+        """Return the constants of a loss, as in loss.wgsl."""
         s = self.size
         values = np.zeros(16, np.uint32)
         values[:3] = s.width, s.height, s.n_tiles
         factors = {
-            3: 1.0 / (3 * photo.n_valid),
+            3: 1.0 / (3 * photo.n_valid) if photo.n_valid else 0.0,
             4: photo.lambda_dssim,
             5: 1.0 - photo.lambda_dssim,
             7: photo.lambda_exposure,
@@ -264,9 +274,7 @@ class TrainingFrame(TrainingWorkspace, Frame):
             values[place] = np.float32(factor).view(np.uint32)
         values[6], values[8] = photo.view, -(-s.n // 256)
         values[12], values[13] = photo.detached, photo.given is not None
-        self._loss_uniform.write(values)
-        self._loss = self._loss_of(photo.given)
-        self._photo = photo
+        return values
 
     def set_noise(self, noise: PositionNoise | None) -> None:
         """Set the random walk after the next step; None for no walk."""
@@ -282,32 +290,27 @@ class TrainingFrame(TrainingWorkspace, Frame):
         key = id(given)
         if key not in self._losses:
             self.buffers["given"] = self.buffers["nothing"] if given is None else given
-            n, loss = self.size.n_tiles, self._loss_uniform
-            steps = [
-                self._step("loss", "similarity", loss, ["image", "photo", "maps", "partial_sums", "exposure"], n),
-                self._step(
-                    "loss",
-                    "loss_total",
-                    loss,
-                    ["partial_sums", "loss_values", "counts", "exposure", "gaussian_sums", "ray_sums"],
-                    1,
-                ),
-                self._step(
-                    "loss",
-                    "loss_gradient",
-                    loss,
-                    ["image", "photo", "maps", "gradient", "exposure", "exposure_sums"],
-                    n,
-                ),
-                self._step(
-                    "loss", "exposure_gradient", loss, ["exposure", "exposure_sums", "exposure_gradient", "counts"], 1
-                ),
-            ]
-            if self.size.n_channels:
-                names = ["image", "transmittance", "given", "gradient", "ray_sums"]
-                steps.insert(0, self._step("loss", "ray_gradient", loss, names, n))
-            self._losses[key] = self._submissions(steps)
+            self._losses[key] = self._submissions(self._loss_steps(self._loss_uniform, "photo"))
         return self._losses[key]
+
+    def _loss_steps(self, loss: Uniform, photo: str | tuple[str, int, int]) -> list[Dispatch]:
+        """Return the dispatches of a loss against the photo in a buffer or in a part of one."""
+        n = self.size.n_tiles
+        totals = ["partial_sums", "loss_values", "counts", "exposure", "gaussian_sums", "ray_sums"]
+        steps = [
+            self._step("loss", "similarity", loss, ["image", photo, "maps", "partial_sums", "exposure"], n),
+            self._step("loss", "loss_total", loss, totals, 1),
+            self._step(
+                "loss", "loss_gradient", loss, ["image", photo, "maps", "gradient", "exposure", "exposure_sums"], n
+            ),
+            self._step(
+                "loss", "exposure_gradient", loss, ["exposure", "exposure_sums", "exposure_gradient", "counts"], 1
+            ),
+        ]  # fmt: skip
+        if self.size.n_channels:
+            names = ["image", "transmittance", "given", "gradient", "ray_sums"]
+            steps.insert(0, self._step("loss", "ray_gradient", loss, names, n))
+        return steps
 
     def set_optimiser(
         self,

@@ -13,11 +13,12 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, FormatError, ObjectError
 from engine.core.events import never_stop
-from engine.objects.detail import DetailPhotos, DetailResult, detail_object
+from engine.objects.detail import DetailPhotos, DetailResult, _plan, detail_object
 from engine.objects.settings import BETTER
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
 from engine.project.objects import ObjectRecord, object_gaussians, save_object
+from engine.rasterizer.gpu import Gpu
 from engine.scene import Camera, CameraSet, Detailed, Gaussians, load_detailed
 from tests.engine.pictures.blob_scene import HEIGHT, RED, WIDTH, as_pinhole, camera_at, make_scene
 
@@ -210,10 +211,33 @@ def test_translucent_object_becomes_opaque_and_loses_its_spike(seen: Seen) -> No
 
 
 def test_large_photos_are_read_smaller_which_the_record_says(seen: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("engine.objects.detail._MAX_CROP_PIXELS", 2000)
+    monkeypatch.setattr("engine.objects.detail_cutter._MAX_PIXELS", 24_000)
     result = seen.detail(settings=replace(SMALL, detail_steps=30))
     assert result.record["reduced"] == result.record["photos"] + len(result.record["validation"])
+    assert 0.1 < result.record["scale"] < 0.7 and result.record["pixels"] < 2000
     assert not result.record["kept"] or "photos were read smaller" in result.sentence
+
+
+def test_photos_larger_than_their_maps_are_compared_at_their_own_size(
+    seen: Seen, detailed: DetailResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("engine.objects.detail_cutter._MAP_PIXELS", 2000)
+    result = seen.detail(settings=replace(SMALL, detail_steps=300))
+    assert result.detailed is not None and result.record["reduced"] == 0 and result.record["scale"] == 1
+    assert result.record["pixels"] == pytest.approx(detailed.record["pixels"], rel=0.2)
+    photo = seen.energy(seen.pixels[TEST_PHOTO] / 255, TEST_PHOTO)
+    assert seen.energy(seen.alone(result.detailed.gaussians, TEST_PHOTO)[0], TEST_PHOTO) / photo > 0.35
+    assert seen.psnr(result.detailed.gaussians, TEST_PHOTO) > seen.psnr(seen.gaussians[seen.members], TEST_PHOTO) + 2
+
+
+def test_steps_and_gaussians_are_those_that_the_pixels_justify() -> None:
+    small, large, huge = (_plan(1500, 20_000, pixels, finer) for pixels, finer in ((9e4, 1.2), (8e5, 2.5), (5e6, 6.3)))
+    assert small.steps == 1500 and small.max_gaussians == 3 * 9e4 / 8
+    assert large.steps == pytest.approx(1500 * 2**0.5, abs=1) and large.max_gaussians == 125_000
+    assert huge.steps == 4500 and huge.max_gaussians == 300_000
+    # An object that has more keeps them; few pixels add none.
+    assert _plan(1500, 400_000, 5e6, 6.3).max_gaussians == 400_000
+    assert _plan(1500, 20_000, 100, 6.3).max_gaussians == 20_000
 
 
 def test_nothing_is_done_without_steps_members_or_photos(seen: Seen) -> None:
@@ -232,6 +256,19 @@ def test_progress_tells_the_time_left_and_a_cancel_ends_it(seen: Seen) -> None:
         )
     fractions = [done for done, _ in told]
     assert fractions == sorted(fractions) and 0.2 < fractions[-1] < 1 and told[-1][1] > 0
+
+
+def test_detail_on_the_card_is_as_good_as_on_the_processor(card: Gpu, seen: Seen) -> None:
+    results = []
+    for backend in ("cpu", "gpu"):
+        views = Views(Scene(seen.gaussians, backend=backend), seen.cameras, render_side=160)
+        settings = replace(BETTER, render_side=160, detail_steps=60)
+        results.append(detail_object(views, seen.photos, seen.members, settings, should_stop=never_stop))
+    processor, on_card = (one.record for one in results)
+    assert (processor["device"], on_card["device"]) == ("processor", "card")
+    assert on_card["psnr"][0] == pytest.approx(processor["psnr"][0], abs=0.02)
+    assert on_card["psnr"][1] == pytest.approx(processor["psnr"][1], abs=0.4) and on_card["kept"]
+    assert on_card["gaussians"] == pytest.approx(processor["gaussians"], rel=0.02)
 
 
 @pytest.fixture

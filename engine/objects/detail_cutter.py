@@ -1,0 +1,259 @@
+"""The parts of photos that show an object, cut out for detail, with maps of where it shows and covers what."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..cameras import training_pinhole, undistort
+from ..core.arrays import Float32, Mask, Pixels
+from ..core.system import usable_cores
+from ..masks import mask_box
+from ..photos import load_with_valid
+from ..pictures import Rendered, Scene
+from ..pictures.settings import VISIBLE_SHARE
+from ..project.folder import ProjectFolder
+from ..scene import Camera, Gaussians, PinholeCamera
+from ..training import DetailCrop
+from .context import photo_folder_of
+from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box
+
+__all__ = ["DetailCutter", "DetailPhotos"]
+
+_MIN_SHARE = 0.3  # chosen on museum_room
+"""Share of a pixel that the object contributes in the scene at which the coverage that it has alone starts to rise; it
+is 1 at one minus this."""
+
+_OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
+"""Distance in front of the object, in its radii, from which on other Gaussians hide it. What is closer is the wall or
+support that a Gaussian of the object reaches into."""
+
+_AGREEING = 0.12  # chosen on museum_room
+"""Largest mean difference between colours of the object alone and those of the photo, 0 to 1, at which they agree."""
+
+_RIM_SHARE = 1 / 300
+"""Width of the edge that may be translucent, as a share of the longer side of the photo that the scene was seen in."""
+
+_MARGIN = 0.08
+"""Margin around the object in a crop, as a share of its box."""
+
+_COMPARED_SHARE = 0.02
+"""Share of a pixel that the object contributes from which on the pixel, with a margin, is compared with the photo."""
+
+_MAX_SIDE = 4096
+"""Longest side, in pixels, at which a photo is read. Larger ones are reduced, which the result says."""
+
+_MAP_PIXELS = 600_000
+"""Largest maps of a crop, in pixels: where it shows the object. The scene, trained on small photos, knows no more."""
+
+_MAX_PIXELS = 160_000_000
+"""Pixels of all crops together, 3 bytes each. If they have more, all are reduced, which the result says."""
+
+_CARD_SIDE = 256
+"""Sides of the maps' pictures on a card are multiples of this."""
+
+_READERS = 8
+"""Photos that are read at a time: each takes the memory of a whole photo."""
+
+
+@dataclass(frozen=True)
+class DetailPhotos:
+    """The photos of a project as detail uses them.
+
+    Attributes
+    ----------
+    folder : Path
+    held_out : collection of str
+        Names of the test photos, which nothing is trained on; they decide whether detail is kept.
+    gains : mapping of str to sequence of 3 float
+        Brightness of photos relative to the scene; 1 for others.
+    masks : mapping of str to Path
+        Files of the masks of valid pixels by photo.
+    trained_side : int
+        Longer side of the photos as the scene was trained on them, in pixels.
+    """
+
+    folder: Path
+    held_out: frozenset[str] = frozenset()
+    gains: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    masks: Mapping[str, Path] = field(default_factory=dict)
+    trained_side: int = 640
+
+    def gain(self, photo: str) -> Float32:
+        """Return the brightness of a photo relative to the scene, [3]."""
+        return np.asarray(self.gains.get(photo, (1.0, 1.0, 1.0)), np.float32)
+
+    @classmethod
+    def of(cls, project: ProjectFolder) -> DetailPhotos:
+        """Return the photos of a trained project.
+
+        Raises
+        ------
+        FormatError
+            When the project does not name their folder.
+        """
+        from ..scene import read_photo_set
+
+        record = project.stage_record("training") or {}
+        figures, given = record.get("figures", {}), (record.get("run") or {}).get("settings") or {}
+        plan = project.get("plan")
+        held_out = plan.get("held_out", ()) if isinstance(plan, dict) else ()
+        masks: Mapping[str, Path] = {}
+        if (listing := project.path / "photos" / "photos.json").is_file():
+            masks = read_photo_set(listing).mask_files
+        side = given.get("max_side")
+        trained_side = side if isinstance(side, int) and side > 0 else cls.trained_side
+        return cls(photo_folder_of(project), frozenset(held_out), figures.get("exposure") or {}, masks, trained_side)
+
+
+@dataclass
+class DetailCutter:
+    """Cuts the parts that show an object out of photos.
+
+    Attributes
+    ----------
+    scale : float
+        Scale of all parts relative to the photos' own.
+    n_reduced : int
+        Photos that were read smaller than they are.
+    """
+
+    views: Views
+    photos: DetailPhotos
+    members: Mask
+    trained: Gaussians
+    scale: float = 1.0
+    n_reduced: int = 0
+
+    def __post_init__(self) -> None:
+        low, _, high = inner_box(self.trained.means)
+        self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
+        self._alone = self.views.scene.with_gaussians(self.trained)
+        self._frames: dict[str, PinholeCamera] = {}
+
+    @property
+    def finer(self) -> float:
+        """How much larger the photos are read than the scene saw them, at the median."""
+        sides = [max(one.width, one.height) for one in self.views.cameras.cameras]
+        return self.scale * min(float(np.median(sides)), _MAX_SIDE) / self.photos.trained_side
+
+    def crops(self, cameras: Sequence[Camera], parts: Sequence[PinholeCamera]) -> Iterator[DetailCrop]:
+        """Yield the parts of photos that show the object, as `part` found them. Photos are read ahead by threads.
+
+        Raises
+        ------
+        PhotoError
+            When a photo cannot be read.
+        """
+        total = sum(part.width * part.height for part in parts)
+        self.scale = min(1.0, math.sqrt(_MAX_PIXELS / max(1, total)))
+        pool = ThreadPoolExecutor(min(_READERS, len(usable_cores())))
+        try:
+            waiting: list[Future[DetailCrop]] = []
+            for camera, part in zip(cameras, parts, strict=True):
+                resized = _resized(part, self.scale)
+                self.n_reduced += self.scale < 1.0 or max(camera.width, camera.height) > _MAX_SIDE
+                waiting.append(pool.submit(self._crop, camera, resized, self._coverage(_map_camera(resized))))
+                if len(waiting) > 2 * _READERS:
+                    yield waiting.pop(0).result()
+            yield from (one.result() for one in waiting)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+    def _read(self, camera: Camera, part: PinholeCamera) -> tuple[Pixels, Mask]:
+        """Return the pixels of a part of a photo, and which pixels of its maps are valid."""
+        full = self._frames[camera.photo]
+        source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / full.K[0, 0])
+        source, source_valid = load_with_valid(
+            self.photos.folder / camera.photo, self.photos.masks.get(camera.photo),
+            max_side=source_side, over_black=True,
+        )  # fmt: skip
+        pixels = np.ascontiguousarray(undistort(source, camera, part, interpolation="linear"))
+        small = _map_camera(part)
+        valid = np.ones((small.height, small.width), bool)
+        if source_valid is not None:
+            valid = undistort(source_valid.astype(np.float32), camera, small, interpolation="linear") > 1.0 - 1e-4
+        return pixels, valid
+
+    def _crop(
+        self, camera: Camera, part: PinholeCamera, coverage: tuple[Float32, Float32, Mask, Rendered]
+    ) -> DetailCrop:
+        """Return a part of a photo with its maps, by what `_coverage` returned."""
+        share, alpha, hidden, isolated = coverage
+        small = _map_camera(part)
+        pixels, valid = self._read(camera, part)
+        shown = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
+        gain = self.photos.gain(camera.photo)
+        # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
+        # The photo tells which.
+        covered = isolated.alpha[..., None]
+        difference = np.abs(isolated.channels[..., :3] * gain - covered * shown / np.float32(255)).mean(axis=2)
+        agrees = (share <= VISIBLE_SHARE) & (isolated.alpha > VISIBLE_SHARE) & ~hidden
+        agrees &= cv2.blur(difference, (5, 5)) < _AGREEING * isolated.alpha
+        alpha = np.where(agrees, isolated.alpha, alpha)
+        visible, known = share > VISIBLE_SHARE, valid & ~hidden
+        full = self._frames[camera.photo]
+        rim = max(1, round(_RIM_SHARE * max(full.width, full.height) * small.K[0, 0] / full.K[0, 0]))
+        inside = erode_mask(visible, rim) & visible
+        alpha = np.where(inside, np.float32(1), alpha)
+        kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
+        compared = cv2.dilate((share > _COMPARED_SHARE).astype(np.uint8), kernel) > 0
+        return DetailCrop(
+            camera.photo, part, pixels, compared & valid, inside & valid, (inside | agrees) & valid,
+            alpha.astype(np.float32), known, gain, float(visible.sum()),
+        )  # fmt: skip
+
+    def part(self, camera: Camera) -> PinholeCamera | None:
+        """Return the camera of the part of a photo that shows the object; None where it hardly does."""
+        frame = self._frames[camera.photo] = training_pinhole(camera, max_side=_MAX_SIDE)
+        small = training_pinhole(camera, max_side=self.views.render_side)
+        share = self.views.scene.share(small, self.members)
+        if (share > VISIBLE_SHARE).sum() < MIN_VISIBLE_PIXELS:
+            return None
+        box = mask_box(share > _MIN_SHARE)
+        assert box is not None, "the object is visible in this view"
+        scale = frame.K[0, 0] / small.K[0, 0]
+        margins = [_MARGIN * (box[2] - box[0]) + 2, _MARGIN * (box[3] - box[1]) + 2]
+        left, top = (max(0, math.floor((box[i] - margins[i]) * scale)) for i in (0, 1))
+        right = min(frame.width, math.ceil((box[2] + margins[0]) * scale))
+        bottom = min(frame.height, math.ceil((box[3] + margins[1]) * scale))
+        K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+        return replace(frame, K=K, width=right - left, height=bottom - top)
+
+    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered]:
+        """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone."""
+        scene: Scene = self.views.scene
+        channels = np.column_stack([self.members.astype(np.float32), scene.depth_of(part)])
+        # A card needs time for each new size of picture.
+        side = _CARD_SIDE if scene.backend == "gpu" else 1
+        width, height = (-(-one // side) * side for one in (part.width, part.height))
+        picture, rows = replace(part, width=width, height=height), np.s_[: part.height, : part.width]
+        in_scene, isolated = (
+            Rendered(one.channels[rows], one.alpha[rows])
+            for one in (
+                scene.render(picture, channels=channels),
+                self._alone.render(picture, color=True, channels=self._alone.depth_of(part)[:, None]),
+            )
+        )
+        share = in_scene.channels[..., 0]
+        # Mean depths are compared, times both alphas, which may be 0.
+        farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
+        hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
+        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated
+
+
+def _map_camera(part: PinholeCamera) -> PinholeCamera:
+    return _resized(part, min(1.0, math.sqrt(_MAP_PIXELS / (part.width * part.height))))
+
+
+def _resized(camera: PinholeCamera, scale: float) -> PinholeCamera:
+    """Return the camera of the picture at this scale, rounded to whole pixels."""
+    width, height = (max(1, round(side * scale)) for side in (camera.width, camera.height))
+    factors = np.array([width / camera.width, height / camera.height, 1.0])
+    return replace(camera, K=camera.K * factors[:, None], width=width, height=height)
