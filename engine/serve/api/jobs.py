@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
-from ...project.refused_prompts import read_not_found
+from ...project.refused_prompts import read_offer
 from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
 from ...workers.jobs import Click, any_word_arguments, click_arguments, refine_arguments, text_arguments
 from ..access import CurrentProject, CurrentUser, server_of
@@ -157,9 +157,7 @@ def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
 
 
 def _any_word(project: WebProject) -> list[str]:
-    not_found = read_not_found(project.project)
-    if not_found is None or not not_found.offer:
-        raise PromptError("No word was refused for which another model is offered. Ask for a word first.")
+    not_found = read_offer(project.project)
     return any_word_arguments([one.text for one in not_found.refusals], not_found.offer)
 
 
