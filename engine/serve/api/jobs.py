@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
+from ...project.own_words import read_learning
 from ...project.refused_prompts import read_offer
 from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
 from ...workers.jobs import Click, any_word_arguments, click_arguments, refine_arguments, text_arguments
@@ -125,7 +126,8 @@ def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSett
         raise SettingsError("Give exactly one of prompt, clicks, find_all, background, accept, detail and any_word.")
     if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
         raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
-    return ["segment", str(project.project), *_prompt(project, wanted), *_device(settings)]
+    own = [f"--own-words={project.own_words}"] if read_learning(project.project) else []
+    return ["segment", str(project.project), *_prompt(project, wanted), *_device(settings), *own]
 
 
 def _device(settings: ServeSettings) -> list[str]:

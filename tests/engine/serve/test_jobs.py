@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from engine.project.folder import ProjectFolder
 from engine.project.objects import ObjectRecord, write_record
 from engine.serve.feeds import Feeds
 from tests.conftest import wait_until
@@ -328,6 +329,24 @@ def test_offered_model_is_fetched_and_the_refused_words_are_asked_again(client: 
     texts[0]["offer"] = texts[1]["offer"] = "clip-of-next-year"
     (folder / "objects" / "candidates.json").write_text(json.dumps(stored), encoding="utf-8")
     assert client.http.get(f"{API}/projects/{project}").json()["not_found"]["offer"] is None
+
+
+def test_project_that_learns_gets_the_vocabulary_of_its_user_alone(client: Client, project: str) -> None:
+    address, folder = f"{API}/projects/{project}", client.folder(project) / "project"
+    assert client.http.put(f"{address}/learning", json={"learns": True}).status_code == 409
+    ProjectFolder.create(folder)
+    (folder / "gaussians").mkdir()
+    (folder / "gaussians" / "scene.ply").touch()
+    assert client.http.get(address).json()["learns"] is False
+    asked = []
+    for learns in (False, True, False):
+        assert client.http.put(f"{address}/learning", json={"learns": learns}).status_code == 204
+        assert client.http.get(address).json()["learns"] is learns
+        client.http.post(f"{address}/jobs", json={"kind": "segment", "find_all": True})
+        client.wait_for_job(project, "finished")
+        asked.append(json.loads((folder / "words.json").read_text())[2:-1])
+    own = client.folder(project).parent.parent / "own_words.json"
+    assert asked == [["--all"], ["--all", f"--own-words={own}"], ["--all"]]
 
 
 def test_server_that_is_told_what_to_render_on_tells_the_engine(client: Client, project: str) -> None:
