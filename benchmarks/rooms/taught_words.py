@@ -137,10 +137,16 @@ def _drawn(context: SegmentationContext, truth: GroundTruth, name: str) -> Float
     return describe_members(found.members, context)
 
 
-def asked(room: Measured, scores: Float64, kind: str) -> bool | None:
-    """Return whether the first answer to a word is an exhibit of the kind; None where the word is refused."""
-    answers = answers_of(room.looks, scores, BETTER)
-    return None if not answers else _is_of(room, answers[0][0], kind)
+def asked(room: Measured, scores: Float64, kind: str, detector: OfflineVocabulary | None = None) -> bool | None:
+    """Return whether the first answer to a word is an exhibit of the kind; None where the word is refused.
+
+    With a detector, what it takes for something else is no answer.
+    """
+    answers, looks = [number for number, _ in answers_of(room.looks, scores, BETTER)], room.looks
+    if detector is not None:
+        rows = {number: looks.described[looks.proposal == looks.like[number]] for number in answers}
+        answers = [number for number in answers if not detector.fitting_word(rows[number], kind)]
+    return None if not answers else _is_of(room, answers[0], kind)
 
 
 def _is_of(room: Measured, number: int, kind: str) -> bool:
@@ -209,7 +215,7 @@ def pictures_table(rooms: Sequence[Measured], detector: OfflineVocabulary) -> st
             except PromptError:
                 answer = None  # an unknown word
             else:
-                answer = asked(room, scores, kind)
+                answer = asked(room, scores, kind, detector)
             offered = any(_is_of(room, number, kind) for number in offers_of(room.looks, scores))
             counts += [1, answer is True, answer is False, answer is None, offered and answer is None, offered]
         sums += counts

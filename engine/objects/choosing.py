@@ -63,16 +63,17 @@ def offers_of(looks: Looks, scores: Float64 | None) -> list[int]:
     if scores is None:
         likely = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
         return [number for number in likely if seen[number]][:N_OFFERED]
-    odds, found = logit(np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE)), []
+    odds = logit(np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE))
+    found: list[int] = []
 
     def is_offered(number: int) -> bool:
         return any(is_same(looks.members[number], looks.members[other]) for other in found)
 
-    for number in np.argsort(-scores, kind="stable"):
+    for number in map(int, np.argsort(-scores, kind="stable")):
         if not seen[number] or is_offered(number):
             continue
         near = np.flatnonzero(seen & (odds >= odds[number] - _NEAR_ODDS))
-        versions = [k for k in near if is_same(looks.members[k], looks.members[number]) and not is_offered(k)]
+        versions = [k for k in near if is_same(looks.members[k], looks.members[number]) and not is_offered(int(k))]
         found.append(int(max(versions, key=lambda k: float(looks.odds[k]))))
         if len(found) == N_OFFERED:
             break

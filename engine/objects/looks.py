@@ -219,6 +219,11 @@ class Looks:
         described = (self.described[self.proposal == k] for k in self.like[list(numbers)])
         return [next(iter(context.detector.name_descriptions(rows)), ("", 0.0)) for rows in described]
 
+    def fitting_word(self, number: int, text: str, context: SegmentationContext) -> str:
+        """Return the word that a proposal clearly is instead of a text; empty for none, see `Detector.fitting_word`."""
+        rows = self.described[self.proposal == self.like[number]]
+        return context.detector.fitting_word(rows, text) if rows.size else ""
+
     def evidence(self, number: int, score: float, context: SegmentationContext) -> MaskEvidence:
         """Return the members of a proposal as evidence with this score, in the photo that shows them largest."""
         members, views = self.members[number], context.views
@@ -300,11 +305,11 @@ def _described(context: SegmentationContext, members: Mask, shown: Float32, numb
             described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
         context.tell(done / len(sightings), "Describing what may be objects")
     rows = (np.concatenate(described) if described else np.zeros((0, 1))).astype(np.float16)  # as they are kept
-    number, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
+    numbered, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
     corners = np.array([one[2] for one in found], np.float32).reshape(-1, 2, 2)
     # Where a photo cuts off a set that others show whole, it is not described.
-    kept = np.flatnonzero(whole | ~np.isin(number, number[whole]))
-    return _Seen(number[kept], tuple(found[k][1] for k in kept), corners[kept], rows[kept].astype(np.float32))
+    kept = np.flatnonzero(whole | ~np.isin(numbered, numbered[whole]))
+    return _Seen(numbered[kept], tuple(found[k][1] for k in kept), corners[kept], rows[kept].astype(np.float32))
 
 
 def _count_and_mean(proposal: Int32, values: Floats, like: Int32) -> tuple[Int64, Float64]:
@@ -321,13 +326,13 @@ def _sightings(
     views = context.views
     cameras = [views.cameras.by_photo[photo] for photo in context.graph.photos]
     found: dict[str, list[int]] = defaultdict(list)
-    for number in numbers:
-        pixels = shown[number]
-        facing = {camera.photo for camera in views.facing(np.median(context.means[members[number]], axis=0))}
+    for one in numbers:
+        pixels = shown[one]
+        facing = {camera.photo for camera in views.facing(np.median(context.means[members[one]], axis=0))}
         large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= LARGE * pixels.max()]
         seen = [camera for camera in large if camera.photo in facing] or large
         for camera in spread_cameras(seen, context.settings.n_crop_views):
-            found[camera.photo].append(int(number))
+            found[camera.photo].append(int(one))
     return found
 
 

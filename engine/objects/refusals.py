@@ -21,7 +21,13 @@ __all__ = ["remember_refusal"]
 
 
 def remember_refusal(
-    project: Path, text: str, message: str, candidates: Sequence[MaskEvidence], context: SegmentationContext
+    project: Path,
+    text: str,
+    message: str,
+    candidates: Sequence[MaskEvidence],
+    context: SegmentationContext,
+    *,
+    suggestions: Sequence[str] = (),
 ) -> str:
     """Store a refused text with what it may have been meant for, and return its message with the objects named so.
 
@@ -32,6 +38,8 @@ def remember_refusal(
     candidates : sequence of MaskEvidence
         With their Gaussians, the best first.
     context : SegmentationContext
+    suggestions : sequence of str
+        Words that fit better; by default, what an unknown text may have been meant for.
 
     Raises
     ------
@@ -48,7 +56,7 @@ def remember_refusal(
     same = [_stored_as(one, stored) for one in candidates]
     remember_candidates(
         project, text, message, candidates, context.photos,
-        suggestions=meant_by(text, context.detector),
+        suggestions=suggestions or meant_by(text, context.detector),
         offer=offered_model(context.detector.name),
         alike=[ids[name] for name in alike],
         same=same,

@@ -46,11 +46,13 @@ class NoMatchError(PromptError):
     ----------
     candidates : tuple of MaskEvidence
         Whole objects of the scene, with their Gaussians: what looks most like it first, with its score.
+    suggestions : tuple of str
+        Words that fit what looks most like it better.
     """
 
-    def __init__(self, message: str, candidates: Sequence[MaskEvidence]) -> None:
+    def __init__(self, message: str, candidates: Sequence[MaskEvidence], suggestions: Sequence[str] = ()) -> None:
         super().__init__(message)
-        self.candidates = tuple(candidates)
+        self.candidates, self.suggestions = tuple(candidates), tuple(suggestions)
 
 
 class UnknownWordError(NoMatchError):
@@ -153,6 +155,16 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
             "another word, or click on the object instead.",
             _offered(looks, scores, context),
         )
+    if not len(taught):
+        fitting = [looks.fitting_word(number, text, context) for number, _ in answers]
+        answers = [answer for answer, other in zip(answers, fitting, strict=True) if not other]
+        if not answers:
+            raise NoMatchError(
+                f"What looks most like {text!r} looks more like {fitting[0]!r}. Ask for that, or choose among the "
+                "pictures.",
+                _offered(looks, scores, context),
+                list(dict.fromkeys(fitting)),
+            )
     for done, (number, score) in enumerate(answers, start=1):
         found.append(isolate_object(context, [looks.evidence(number, score, context)]))
         context.tell(done / len(answers), "Isolating")

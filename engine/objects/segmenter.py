@@ -135,8 +135,11 @@ class Segmenter:
         except PromptError as error:
             message = str(error)
             if isinstance(prompt, TextPrompt):
-                nearest = error.candidates if isinstance(error, NoMatchError) else ()
-                message = remember_refusal(self.project.path, prompt.text, message, nearest, context)
+                offered = error if isinstance(error, NoMatchError) else NoMatchError("", ())
+                message = remember_refusal(
+                    self.project.path, prompt.text, message, offered.candidates, context,
+                    suggestions=offered.suggestions,
+                )  # fmt: skip
             raise PromptError(message) from error
         if isinstance(prompt, TextPrompt):
             asked["detector"] = context.detector.name

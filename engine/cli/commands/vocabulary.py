@@ -71,7 +71,7 @@ def _set_learning(folder: Path, learns: bool) -> tuple[str, dict[str, Any]]:
 def _list(own: OwnWords, _: str | None) -> tuple[str, dict[str, Any]]:
     counts = Counter((one.word, one.detector) for one in own.examples())
     words = [{"word": word, "detector": detector, "n_examples": n} for (word, detector), n in sorted(counts.items())]
-    lines = [f"{one['word']}: {_examples(one['n_examples'])} ({one['detector']})" for one in words]
+    lines = [f"{word}: {_examples(n)} ({detector})" for (word, detector), n in sorted(counts.items())]
     return "\n".join(lines) or "Your own vocabulary is empty.", {"words": words, "file": str(own.file)}
 
 

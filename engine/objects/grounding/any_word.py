@@ -107,6 +107,10 @@ class AnyWord(CropDescriber):
         made = {word_list().classes[index].words[0] for index in MADE_CLASSES}
         return self._scores(described, self._vocabulary[[word in made for word in self._words]])
 
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return nothing: from when on another word excludes one was not measured; see `Detector.fitting_word`."""
+        return ""
+
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words of the vocabulary for the object; see `Detector.name_descriptions`."""
         if len(described) == 0:

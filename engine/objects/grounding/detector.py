@@ -202,6 +202,18 @@ class Detector(Protocol):
         """
         ...
 
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return the word that one object clearly is instead of `prompt`, which it therefore is not; empty for none.
+
+        Parameters
+        ----------
+        described : array of shape [n, D], float32
+            Descriptions of the object in n > 0 photos, by `describe_crops`.
+        prompt : str
+            That the detector knows.
+        """
+        ...
+
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return words for one object that several photos show, each with a confidence 0 to 1, best first.
 

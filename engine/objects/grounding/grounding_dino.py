@@ -224,6 +224,10 @@ class GroundingDino:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.whole_odds`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
 
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return nothing: this model has no words of its own; see `Detector.fitting_word`."""
+        return ""
+
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return an empty list: this model has no words of its own; see `Detector.name_descriptions`."""
         return []

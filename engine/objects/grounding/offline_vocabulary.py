@@ -47,6 +47,10 @@ _MAX_NAMED = 5
 _MIDPOINT = 0.1  # chosen on museum_room
 # Detections with a lower score are discarded.
 _MIN_SCORE = 0.05  # chosen on museum_room
+_SURE = 0.3  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Probability of a class from which on it may exclude others."""
+_EXCLUDES = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""How much more probable a class is than those of a word which it excludes: a gong is no bell."""
 _MAX_CACHED_ROWS = 20_000
 """Largest number of crops whose features are kept in memory, 5 KB each."""
 
@@ -149,6 +153,15 @@ class OfflineVocabulary(CropDescriber):
         """Return the score of each class of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""
         rows = self._probabilities(described)[..., MADE_CLASSES.start : MADE_CLASSES.stop]
         return np.asarray(_score(rows).mean(axis=1), np.float32)
+
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return the most probable class if it clearly excludes those of the prompt; see `Detector.fitting_word`."""
+        class_weights = self._class_weights(prompt)
+        mean = self._probabilities(described).mean(axis=(0, 1))
+        own = sum(float(mean[index]) * weight for index, weight in class_weights.items())
+        mean[list(class_weights)] = 0
+        best = int(mean.argmax())
+        return self._vocabulary.name(best) if mean[best] >= max(_SURE, _EXCLUDES * own) else ""
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words for the object of all rows; see `Detector.name_descriptions`.

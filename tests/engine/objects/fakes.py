@@ -126,6 +126,9 @@ class FakeDetector:
     def whole_odds(self, described):  # type: ignore[no-untyped-def]
         return np.zeros(len(described), np.float32)
 
+    def fitting_word(self, described, prompt):  # type: ignore[no-untyped-def]
+        return ""
+
     def name_descriptions(self, described):  # type: ignore[no-untyped-def]
         """Return the name of the part that the descriptions fit best, with their mean IoU as the score."""
         if len(described) == 0:

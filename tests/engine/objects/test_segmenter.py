@@ -214,6 +214,26 @@ def test_accepted_candidate_becomes_an_object(blobs: BlobScene, project: Project
         load_candidate(project.path, 9)
 
 
+def test_word_that_another_one_excludes_asks_back(blobs: BlobScene, project: ProjectFolder) -> None:
+    class Knowing(FakeDetector):
+        def check_prompt(self, prompt: str) -> PromptCheck:
+            return PromptCheck(True, [], "")
+
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return super().score_descriptions(described, "blue ball" if prompt == "bell" else prompt)
+
+        def fitting_word(self, described, prompt):  # type: ignore[no-untyped-def]
+            return "blue ball" if prompt == "bell" else ""
+
+    asking = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Knowing(blobs))
+    with pytest.raises(PromptError, match="What looks most like 'bell' looks more like 'blue ball'. Ask for that"):
+        asking.segment_texts(["bell"], None)
+    (refusal,) = stored(project)["refused"]  # type: ignore[misc]
+    assert refusal["suggestions"] == ["blue ball"] and list_objects(project.path) == []
+    assert parts_shown(blobs, stored(project)["candidates"])[0] == BLUE  # type: ignore[arg-type]
+    assert len(asking.segment_texts(["blue ball"], None)[0]) == 1
+
+
 def test_accepting_loads_no_model(blobs: BlobScene, project: ProjectFolder) -> None:
     def none() -> Any:
         raise AssertionError("a model was loaded")

@@ -84,6 +84,15 @@ def test_example_is_like_what_it_shows_also_where_nothing_else_is_seen(detector:
     assert detector.score_examples(described[:0], means).shape == (0, 3)
 
 
+def test_clear_exhibit_excludes_other_words_and_not_its_own(detector: OfflineVocabulary, room: Room) -> None:
+    mask = room.labels == room.ids["teapot"]
+    described = detector.describe_crops(room.pixels, [mask_box(mask)], [mask])
+    assert detector.fitting_word(described, "teapot") == ""
+    assert detector.fitting_word(described, "accordion") == "teapot"
+    flat = np.zeros_like(described)
+    assert detector.fitting_word(flat, "accordion") == "", "nothing is probable, so nothing excludes a word"
+
+
 def test_nothing_is_found_on_a_plain_wall(detector: OfflineVocabulary) -> None:
     wall = np.full((120, 160, 3), 200, np.uint8)
     assert detector.detect(wall, "teapot", labels=np.ones((120, 160), np.int32)) == []
