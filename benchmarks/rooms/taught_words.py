@@ -191,6 +191,8 @@ def taught_table(rooms: Sequence[Measured], detector: OfflineVocabulary) -> str:
     for n_examples, alone in itertools.product(_N_EXAMPLES, (True, False)):
         rows = list(taught(rooms, n_examples, detector, alone=alone))
         shown, absent = [row for row in rows if row[2]], [row for row in rows if not row[2]]
+        if not shown:
+            continue  # no kind has as many examples in other rooms
         found, refused = (float(np.mean([row[k] for row in shown])) for k in (3, 4))
         others = f"{100 * float(np.mean([row[4] for row in absent])):.0f} %" if absent else "-"
         cells = [n_examples, "none" if alone else "all kinds", len(shown)]
