@@ -80,7 +80,7 @@ def test_project_that_does_not_learn_teaches_nothing(blobs: BlobScene, own: OwnW
 
 
 def test_renamed_object_teaches_its_new_name_when_something_is_asked_next(
-    blobs: BlobScene, own: OwnWords, tmp_path: Path
+    blobs: BlobScene, own: OwnWords, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     project = trained_project(blobs, tmp_path)
     (blue,) = ask(blobs, project, "blue ball", own)
@@ -88,9 +88,9 @@ def test_renamed_object_teaches_its_new_name_when_something_is_asked_next(
     rename_object(project.path, blue.id, "marble")
     assert [one.id for one in ask(blobs, project, "marble", own)] == [blue.id]
     assert [one.word for one in own.examples()] == ["marble"]
-    taught = own.file.read_bytes()
-    ask(blobs, project, "red ball", own)
-    assert own.file.read_bytes() == taught, "nothing is taught twice"
+    with monkeypatch.context() as patched:
+        patched.setattr("engine.objects.teaching.describe_members", None)  # nothing is taught twice
+        ask(blobs, project, "red ball", own)
     rename_object(project.path, blue.id, "agate")
     ask(blobs, project, "red ball", own)
     assert [one.word for one in own.examples()] == ["agate"]
