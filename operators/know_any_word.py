@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.core.errors import PromptError
-from ..engine.project.refused_prompts import NotFound, read_not_found
+from ..engine.project.refused_prompts import NotFound, read_offer
 from ..engine.workers.jobs import any_word_arguments
 from ..gaussian_heritage_addon.blender.drawn_text import draw_text
 from ..gaussian_heritage_addon.setup.model_files import find_model, require_source
@@ -54,10 +53,7 @@ class HERITAGE_OT_know_any_word(SegmentOperator):
 
 
 def _offer(context: bpy.types.Context) -> NotFound:
-    not_found = read_not_found(project_of(context.scene.heritage))
-    if not_found is None or not not_found.offer:
-        raise PromptError("No word was refused for which another model is offered. Ask for a word first.")
-    return not_found
+    return read_offer(project_of(context.scene.heritage))
 
 
 CLASSES = [HERITAGE_OT_know_any_word]

@@ -59,10 +59,7 @@ class Measured:
 
 
 class _Features(OfflineVocabulary):
-    """Describes crops by the features that are fitted."""
-
-    def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
-        return self.features_of_crops(pixels, boxes, masks)
+    """Describes crops by the features that are fitted, and leaves the odds of the sets as they are."""
 
     def whole_odds(self, described):  # type: ignore[no-untyped-def]
         return np.zeros(len(described), np.float32)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from tests.engine.finished_project import write_finished_project
+from tests.engine.finished_project import N_GAUSSIANS, write_finished_project
 
 __all__ = ["CASES", "HONEST", "Case", "Sandbox"]
 
@@ -88,10 +88,11 @@ class Sandbox:
         folder.mkdir()
         mask = np.zeros((192, 256), np.uint8)
         mask[100:150, 80:140] = 255
-        for name in ("1.png", "1-mask.png"):
-            Image.fromarray(mask).save(folder / name)
+        Image.fromarray(mask).save(folder / "1.png")
         candidate = {"number": 1, "text": "urn", "score": 0.3, "photo": PHOTO, "x": 100.5, "y": 120.5}
         candidate |= {"box": [80.0, 100.0, 140.0, 150.0], "n_gaussians": 9, "picture": "objects/_candidates/1.png"}
+        candidate |= {"detector": "offline-vocabulary", "n_scene_gaussians": N_GAUSSIANS}
+        np.save(folder / "1.npy", np.packbits(np.arange(N_GAUSSIANS) < 9))
         refused = [{"text": "urn", "message": "Nothing looks enough like 'urn'."}]
         data = {"version": 1, "created": "2026-11-23T00:00:00+00:00", "refused": refused, "candidates": [candidate]}
         (self.project / "objects" / "candidates.json").write_text(json.dumps(data), encoding="utf-8")

@@ -284,9 +284,11 @@ def _write_candidates(folder: Path) -> None:
         "y": 6.5,
         "box": [1.0, 2.0, 9.0, 9.0],
     }
-    entry |= {"n_gaussians": 2, "picture": "objects/_candidates/1.png"}
+    entry |= {"n_gaussians": 2, "n_scene_gaussians": 10, "detector": "offline-vocabulary"}
+    entry |= {"picture": "objects/_candidates/1.png"}
     refused = [{"text": "cup", "message": "No cup was found."}]
-    (folder / "objects").mkdir()
+    (folder / "objects" / "_candidates").mkdir(parents=True)
+    np.save(folder / "objects" / "_candidates" / "1.npy", np.packbits(np.arange(10) < 2))
     data = {"version": 1, "created": "2026-01-01", "refused": refused, "candidates": [entry]}
     (folder / "objects" / "candidates.json").write_text(json.dumps(data))
 
@@ -297,6 +299,22 @@ def _load_candidate(folder: Path) -> object:
     found = load_candidate(folder, 1)
     remember_candidates(folder, "mug", "No mug was found.", (), None)
     return found
+
+
+def _write_own_words(folder: Path) -> None:
+    from engine.project.own_words import Example, OwnWords
+
+    vector = np.linspace(-1, 1, 6, dtype=np.float32)
+    example = Example("mask", "a1", "b2", "offline-vocabulary", "features 1", "2026-01-01", vector)
+    OwnWords(folder / "own_words.json").add([example])
+
+
+def _read_own_words(folder: Path) -> object:
+    from engine.project.own_words import OwnWords
+
+    own = OwnWords(folder / "own_words.json")
+    own.import_from(own.file)
+    return [(one.word, one.vector.tolist()) for one in own.examples()]
 
 
 def _show_candidates(folder: Path) -> object:
@@ -459,7 +477,8 @@ PROJECT = (
     ),
     Reader("trash", _write_trash, _list_trash, ("trash/20260101-000000-vase/trash.json",)),
     Reader("museum-record", _write_museum_record, _load_museum_record, ("objects/vase/record.json",)),
-    Reader("candidates", _write_candidates, _load_candidate, ("objects/candidates.json",)),
+    Reader("candidates", _write_candidates, _load_candidate, ("objects/candidates.json", "objects/_candidates/1.npy")),
+    Reader("own-words", _write_own_words, _read_own_words, ("own_words.json",)),
     Reader("candidates-in-blender", _write_candidates, _show_candidates, ("objects/candidates.json",)),
     Reader("kept-arrays", _write_kept, _read_kept, ("kept.npz",)),
     Reader("embedding", _write_embedding, _encode, ("a.jpg.sam.npz",)),

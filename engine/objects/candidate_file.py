@@ -1,4 +1,4 @@
-"""Nearest candidates of refused texts: ``objects/candidates.json``, pictures of the candidates and their masks."""
+"""Objects that a refused text may mean: ``objects/candidates.json``, their pictures and their Gaussians."""
 
 from __future__ import annotations
 
@@ -13,15 +13,24 @@ import numpy as np
 
 from ..core.arrays import Mask, Pixels
 from ..core.errors import FormatError, PromptError
-from ..core.files import delete_derived, optional, read_json, write_json
+from ..core.files import (
+    ArraySpec,
+    atomic_write,
+    delete_derived,
+    optional,
+    path_within,
+    read_array,
+    read_json,
+    write_json,
+)
 from ..pictures import write_png
-from .lifting import FoundObject
 from .photos import Photos
+from .votes import MaskEvidence
 
 __all__ = ["CANDIDATES", "StoredCandidate", "cut_out", "forget_candidates", "load_candidate", "remember_candidates"]
 
 CANDIDATES = "objects/candidates.json"
-_PICTURES, _MASK = "objects/_candidates", "objects/_candidates/{}-mask.png"
+_PICTURES, _MEMBERS = "objects/_candidates", "objects/_candidates/{}.npy"
 _VERSION = 1
 _ADVICE = "Ask for the text again."
 _SCHEMA = {
@@ -35,7 +44,17 @@ _SCHEMA = {
             "offer": optional(str),
         }
     ],
-    "candidates": [{"number": int, "text": str, "score": float, "photo": str, "object": optional((str, None))}],
+    "candidates": [
+        {
+            "number": int,
+            "text": str,
+            "score": float,
+            "photo": str,
+            "object": optional((str, None)),
+            "detector": str,
+            "n_scene_gaussians": int,
+        }
+    ],
 }
 
 
@@ -50,14 +69,20 @@ class StoredCandidate:
     score : float
         0 to 1.
     photo : str
-    mask : Path
-        Picture of the size of the photo.
+    members : array of shape [N], bool
+        Its Gaussians.
+    detector : str
+        Name of the detector that was asked.
+    object_id : str
+        Id of the stored object that it is; empty for none.
     """
 
     text: str
     score: float
     photo: str
-    mask: Path
+    members: Mask
+    detector: str
+    object_id: str
 
 
 def forget_candidates(project: Path) -> None:
@@ -70,13 +95,14 @@ def remember_candidates(
     project: Path,
     text: str,
     message: str,
-    candidates: Sequence[FoundObject],
+    candidates: Sequence[MaskEvidence],
     photos: Photos | None,
     *,
     suggestions: Sequence[str] = (),
     offer: str = "",
     alike: Sequence[str] = (),
     same: Sequence[str | None] = (),
+    detector: str = "",
 ) -> None:
     """Store a refused text, why it was refused, and its nearest candidates. Those of other texts stay.
 
@@ -84,8 +110,8 @@ def remember_candidates(
     ----------
     project : Path
     text, message : str
-    candidates : sequence of FoundObject
-        The best first.
+    candidates : sequence of MaskEvidence
+        With their Gaussians, the best first.
     photos : Photos or None
         Needed where there are candidates.
     suggestions : sequence of str
@@ -96,6 +122,8 @@ def remember_candidates(
         Ids of stored objects whose names are spelt nearly like the text.
     same : sequence of (str or None)
         For each candidate, the id of the object that it is.
+    detector : str
+        Name of the detector that was asked.
 
     Raises
     ------
@@ -110,14 +138,15 @@ def remember_candidates(
     last = max((entry["number"] for entry in stored["candidates"]), default=0)
     known_as = [*same, *[None] * (len(candidates) - len(same))]
     for number, (candidate, object_id) in enumerate(zip(candidates, known_as, strict=True), last + 1):
-        assert photos is not None
-        view, picture = candidate.evidence[0].view, f"{_PICTURES}/{number}.png"
-        mask = view.to_photo(candidate.evidence[0].mask)
+        assert photos is not None and candidate.members is not None
+        view, picture = candidate.view, f"{_PICTURES}/{number}.png"
+        mask = view.to_photo(candidate.mask)
         if not mask.any():
             # A mask of a few pixels in the view's frame may vanish at the size of the photo.
             mask[len(mask) // 2, mask.shape[1] // 2] = True
         write_png(project / picture, cut_out(photos.pixels(view.camera), mask))
-        write_png(project / _MASK.format(number), mask)
+        with atomic_write(project / _MEMBERS.format(number)) as stream:
+            np.save(stream, np.packbits(candidate.members))
         framed = np.pad(mask, 1).astype(np.uint8)
         x, y = cv2.minMaxLoc(cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_3)[1:-1, 1:-1])[3]
         left, top, width, height = cv2.boundingRect(framed[1:-1, 1:-1])
@@ -128,8 +157,10 @@ def remember_candidates(
             "score": float(candidate.score),
             "picture": picture,
             "object": object_id,
+            "detector": detector,
         }
-        entries.append({**known, **place, "n_gaussians": int(candidate.members.sum())})
+        counts = {"n_gaussians": int(candidate.members.sum()), "n_scene_gaussians": len(candidate.members)}
+        entries.append({**known, **place, **counts})
     content = {"created": datetime.now(UTC).isoformat(), "refused": refused, "candidates": entries}
     write_json(project / CANDIDATES, {"version": _VERSION, **content})
 
@@ -171,7 +202,11 @@ def load_candidate(project: Path, number: int) -> StoredCandidate:
     if (found := stored.get(number)) is None:
         known = ", ".join(f"{other} ({entry['text']})" for other, entry in stored.items()) or "none"
         raise PromptError(f"There is no candidate {number}. Known: {known}.")
-    return StoredCandidate(found["text"], float(found["score"]), found["photo"], project / _MASK.format(number))
+    count, file = found["n_scene_gaussians"], path_within(project, *_MEMBERS.format(number).split("/"))
+    packed = read_array(file, ArraySpec("uint8", (-(-count // 8),)), advice=_ADVICE)
+    members = np.unpackbits(packed, count=count).astype(bool)
+    known = found.get("object") or ""
+    return StoredCandidate(found["text"], float(found["score"]), found["photo"], members, found["detector"], known)
 
 
 def _read(project: Path) -> dict[str, Any]:

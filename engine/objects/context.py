@@ -7,11 +7,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from ..core.arrays import Float32, Int32
 from ..core.errors import Cancelled, EnvironmentProblem, FormatError
 from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
 from ..pictures import Scene
 from ..project.folder import ProjectFolder
+from ..project.own_words import OwnWords
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
 from .graph import SceneGraph, load_or_build_graph
@@ -48,6 +51,8 @@ class SegmentationContext:
         Where what is computed once for all prompts is kept on disk; None keeps it in memory alone.
     kept : dict
         The same in memory, by name.
+    own_words : OwnWords or None
+        The user's own vocabulary; None in a project that does not learn.
     """
 
     views: Views
@@ -59,6 +64,7 @@ class SegmentationContext:
     should_stop: StopCheck = never_stop
     folder: Path | None = None
     kept: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    own_words: OwnWords | None = None
 
     def once(self, name: str, make: Callable[[], Made]) -> Made:
         """Return what `make` returned when this was first called with `name`."""
@@ -70,6 +76,18 @@ class SegmentationContext:
     def detector(self) -> Detector:
         """The detector, made at its first use."""
         return self.once("detector", self.detector_factory)
+
+    def taught(self, word: str) -> tuple[Float32, Float32]:
+        """Return `OwnWords.means_of` of a word; no rows where the project does not learn.
+
+        Raises
+        ------
+        FormatError
+            When the user's own vocabulary is damaged.
+        """
+        if self.own_words is None or not self.detector.fingerprint:
+            return np.zeros((0, 1), np.float32), np.zeros((0, 1), np.float32)
+        return self.own_words.means_of(word, self.detector.fingerprint)
 
     @property
     def graph(self) -> SceneGraph:
@@ -120,6 +138,7 @@ def load_context(
     sam_factory: SamFactory,
     *,
     device: Device = PROCESSOR,
+    own_words: OwnWords | None = None,
     emit: Emit = ignore_events,
     should_stop: StopCheck = never_stop,
 ) -> SegmentationContext:
@@ -133,6 +152,8 @@ def load_context(
     device : Device
         Renders the views, counts the votes and makes the steps of detail. What is stored does not depend on it, but for
         rounding, and in detail for which Gaussians were drawn to be split.
+    own_words : OwnWords or None
+        See `SegmentationContext`.
     emit, should_stop : callable
 
     Raises
@@ -156,6 +177,7 @@ def load_context(
         emit,
         should_stop,
         project.path / "groups",
+        own_words=own_words,
     )
 
 

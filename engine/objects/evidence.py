@@ -18,7 +18,7 @@ from ..core.arrays import Float32, Floats, Mask
 from ..core.errors import PromptError
 from .context import SegmentationContext
 from .graph import N_NEIGHBOURS
-from .grounding import Detector
+from .grounding import Detector, PromptCheck
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Place, Point, camera_of_prompt, load_mask
 from .settings import PAPER
 from .spatial import parse_spatial
@@ -28,7 +28,7 @@ from .votes import MaskEvidence
 __all__ = [
     "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
     "evidence_of_exclusions", "evidence_of_places", "find_evidence", "meant_by", "pixel_of", "places_in",
-    "require_known", "require_mask",
+    "require_known", "require_mask", "unknown_word",
 ]  # fmt: skip
 
 _MAX_MEANT = 3
@@ -275,12 +275,16 @@ def require_known(text: str, context: SegmentationContext) -> None:
         Its message lists the nearest words that the detector knows.
     """
     check = context.detector.check_prompt(text)
-    if check.known:
-        return
+    if not check.known:
+        raise PromptError(unknown_word(text, check))
+
+
+def unknown_word(text: str, check: PromptCheck) -> str:
+    """Return why a text that a detector does not know is refused, with the nearest words that it knows."""
     sentence = check.message or f"The detector does not know {text!r}."
     nearest = [word for word, _ in check.matches][:_MAX_NEAREST]
     if any(word not in sentence for word in nearest):
         sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest)}."
     if "click" not in sentence.lower():
         sentence += " You can click on the object instead."
-    raise PromptError(sentence)
+    return sentence

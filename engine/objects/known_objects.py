@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from ..core.arrays import Float32
 from ..core.words import normalised
-from ..project.objects import ObjectRecord
+from ..project.objects import ObjectRecord, list_objects, load_membership
 
-__all__ = ["found_again", "was_changed"]
+__all__ = ["BACKGROUND", "found_again", "stored_memberships", "was_changed"]
+
+BACKGROUND = "background"
+"""Prompt kind, name and id of the background."""
 
 
 def found_again(name: str, same: ObjectRecord, count: int) -> str:
@@ -23,3 +28,18 @@ def was_changed(record: ObjectRecord, asked: dict[str, Any]) -> bool:
     """Return whether the object was asked for by the text of a prompt, and corrected or resized after."""
     text, own = (normalised(str(prompt.get("text", ""))) for prompt in (asked, record.prompt))
     return bool(text) and text == own and bool(record.refined or record.levels)
+
+
+def stored_memberships(project: Path, count: int) -> dict[str, Float32]:
+    """Return the memberships, [count], of all objects of a scene with `count` Gaussians by id, but of the background.
+
+    Raises
+    ------
+    FormatError
+        When an object is damaged.
+    """
+    return {
+        record.id: load_membership(project, record.id)
+        for record in list_objects(project)
+        if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
+    }

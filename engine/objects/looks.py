@@ -6,13 +6,14 @@ They are made once after training and kept; then a word only compares descriptio
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 from scipy.special import expit, logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
@@ -21,13 +22,13 @@ from ..masks import box_ious, mask_box
 from ..project.folder import stage_key
 from .context import SegmentationContext
 from .grounding import Detector
-from .proposals import LARGE, Proposals, find_proposals
+from .proposals import LARGE, find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
-__all__ = ["FITTED_ODDS", "Looks", "build_looks", "load_or_build_looks"]
+__all__ = ["FITTED_ODDS", "Looks", "build_looks", "describe_members", "load_or_build_looks"]
 
-_VERSION = "looks 8"
+_VERSION = "looks 9"
 
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
@@ -44,6 +45,12 @@ _LIKELY = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_
 
 FITTED_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Log-odds, less the contrast, that give a score of 0.5. Of 230 absent words, 4 % score more."""
+
+_RIVALRY = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Log-odds that a taught word loses for each by which a proposal looks more like another one."""
+
+_CAUTION, _FEW_WORDS = 0.9, 10  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Log-odds that the only word that was taught needs in addition, and other words from which on it is half of that."""
 
 _FALSE_ACCEPTS = 0.05
 """Largest share of the words of a vocabulary that a scene accepts, of a detector to whose scores nothing was fitted."""
@@ -128,7 +135,30 @@ class Looks:
         PromptError
             When the detector does not know the text.
         """
-        odds = self.odds_of(text, detector)
+        return self._scores(self.odds_of(text, detector), detector)
+
+    def scores_of_examples(self, taught: Float32, others: Float32, detector: Detector) -> Float64:
+        """Return how much each proposal looks like the objects that taught a word, [K], 0 to 1.
+
+        What looks more like the examples of another word is that: the nearest class mean wins. The fewer other words
+        there are to be nearer, the more a proposal has to look like the word. From 0.5 on, it is what the word names.
+
+        Parameters
+        ----------
+        taught : array of shape [1, E], float32
+            Mean of the examples of the word, by `Detector.example_vectors`.
+        others : array of shape [W, E], float32
+            Means of those of each other word; W may be 0.
+        detector : Detector
+        """
+        scores = detector.score_examples(self.described, np.concatenate([taught, others.reshape(-1, taught.shape[1])]))
+        own, *rivals = (self._odds_by(one) for one in np.asarray(scores, np.float64).T)
+        nearest, seen = np.maximum.reduce(rivals, initial=-np.inf), np.isfinite(own)
+        odds = own - _RIVALRY * np.maximum(0, np.where(seen, nearest, 0) - np.where(seen, own, 0))
+        caution = _CAUTION * _FEW_WORDS / (_FEW_WORDS + len(others))
+        return np.asarray(expit(odds - FITTED_ODDS - caution), np.float64)
+
+    def _scores(self, odds: Float64, detector: Detector) -> Float64:
         return np.asarray(expit(odds - (FITTED_ODDS if detector.fitted else self.least_odds(detector))), np.float64)
 
     def odds_of(self, text: str, detector: Detector) -> Float64:
@@ -136,8 +166,11 @@ class Looks:
 
         Minus infinity for what no photo shows, and for all where no photo shows anything like the text.
         """
-        score = np.asarray(detector.score_descriptions(self.described, text), np.float64)
-        count, mean = _count_and_mean(self.proposal, score, self.like)
+        return self._odds_by(detector.score_descriptions(self.described, text))
+
+    def _odds_by(self, scores: Sequence[float] | Float64) -> Float64:
+        """Return the log-odds of each proposal by the scores of the S sightings."""
+        count, mean = _count_and_mean(self.proposal, np.asarray(scores, np.float64), self.like)
         return self._odds(count, mean) if mean.any() else np.full(len(mean), -np.inf)
 
     def least_odds(self, detector: Detector) -> float:
@@ -186,6 +219,11 @@ class Looks:
         described = (self.described[self.proposal == k] for k in self.like[list(numbers)])
         return [next(iter(context.detector.name_descriptions(rows)), ("", 0.0)) for rows in described]
 
+    def fitting_word(self, number: int, text: str, context: SegmentationContext) -> str:
+        """Return the word that a proposal clearly is instead of a text; empty for none, see `Detector.fitting_word`."""
+        rows = self.described[self.proposal == self.like[number]]
+        return context.detector.fitting_word(rows, text) if rows.size else ""
+
     def evidence(self, number: int, score: float, context: SegmentationContext) -> MaskEvidence:
         """Return the members of a proposal as evidence with this score, in the photo that shows them largest."""
         members, views = self.members[number], context.views
@@ -204,15 +242,57 @@ def build_looks(context: SegmentationContext) -> Looks:
     """
     sets = find_proposals(context.part(0, 2))
     context = context.part(1, 2)
+    seen = _described(context, sets.members, sets.shown, np.unique(sets.like))
+    odds = sets.odds
+    if seen.rows.size:
+        _, told = _count_and_mean(seen.number, context.detector.whole_odds(seen.rows), sets.like)
+        odds = (_SET_WEIGHT * odds + told).astype(np.float32)
+    return Looks(sets.members, odds, sets.like, seen.number, seen.photo, seen.box, seen.rows)
+
+
+def describe_members(members: Mask, context: SegmentationContext) -> Float32:
+    """Return how the detector describes an object in up to `n_crop_views` photos that show it large and whole.
+
+    Parameters
+    ----------
+    members : array of shape [N], bool
+        Its Gaussians.
+    context : SegmentationContext
+
+    Returns
+    -------
+    array of shape [n, D], float32
+        By `Detector.describe_crops`, rounded as those of a scene are kept; n is 0 for what no photo shows.
+
+    Raises
+    ------
+    Cancelled
+        When the user stops.
+    """
+    shown = context.graph.shown(csr_matrix(members[None], dtype=np.float32))
+    return _described(context, members[None], shown, [0]).rows
+
+
+class _Seen(NamedTuple):
+    """S sightings of sets of Gaussians: number of the set, photo, corners in its pixels, and description."""
+
+    number: Int32
+    photo: tuple[str, ...]
+    box: Float32
+    rows: Float32
+
+
+def _described(context: SegmentationContext, members: Mask, shown: Float32, numbers: Iterable[int]) -> _Seen:
+    """Return the sightings of the sets `numbers` of `members`, [K, N], which have the pixels `shown`, [K, P]."""
     views, by_photo = context.views, context.views.cameras.by_photo
-    sightings = _sightings(context, sets)
+    sightings = _sightings(context, members, shown, numbers)
     found: list[tuple[int, str, tuple[int, int, int, int], bool]] = []
     described: list[Float32] = []
-    for done, (photo, numbers) in enumerate(sightings.items(), start=1):
+    for done, (photo, seen) in enumerate(sightings.items(), start=1):
         view, pixels = views.of(by_photo[photo]), context.photos.pixels(by_photo[photo])
         height, width = pixels.shape[:2]
         crops, boxes = [], []
-        for number, mask in zip(numbers, views.visible_masks(view, sets.members[numbers]), strict=True):
+        for number, mask in zip(seen, views.visible_masks(view, members[seen]), strict=True):
             inside = view.to_photo(mask).astype(np.uint8)
             inside = cv2.resize(inside, (width, height), interpolation=cv2.INTER_NEAREST) > 0
             box = mask_box(inside)
@@ -225,16 +305,11 @@ def build_looks(context: SegmentationContext) -> Looks:
             described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
         context.tell(done / len(sightings), "Describing what may be objects")
     rows = (np.concatenate(described) if described else np.zeros((0, 1))).astype(np.float16)  # as they are kept
-    proposal, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
+    numbered, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
     corners = np.array([one[2] for one in found], np.float32).reshape(-1, 2, 2)
-    # Where a photo cuts off a proposal that others show whole, it is not described.
-    kept = np.flatnonzero(whole | ~np.isin(proposal, proposal[whole]))
-    rows, photos, proposal = rows[kept].astype(np.float32), tuple(found[k][1] for k in kept), proposal[kept]
-    odds = sets.odds
-    if rows.size:
-        _, told = _count_and_mean(proposal, context.detector.whole_odds(rows), sets.like)
-        odds = (_SET_WEIGHT * odds + told).astype(np.float32)
-    return Looks(sets.members, odds, sets.like, proposal, photos, corners[kept], rows)
+    # Where a photo cuts off a set that others show whole, it is not described.
+    kept = np.flatnonzero(whole | ~np.isin(numbered, numbered[whole]))
+    return _Seen(numbered[kept], tuple(found[k][1] for k in kept), corners[kept], rows[kept].astype(np.float32))
 
 
 def _count_and_mean(proposal: Int32, values: Floats, like: Int32) -> tuple[Int64, Float64]:
@@ -244,18 +319,20 @@ def _count_and_mean(proposal: Int32, values: Floats, like: Int32) -> tuple[Int64
     return count, np.bincount(proposal[known], values[known], minlength=len(like))[like] / np.maximum(count, 1)
 
 
-def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[int]]:
-    """Return what to look at by photo: each that looks its own in at most `n_crop_views` photos that show it large."""
+def _sightings(
+    context: SegmentationContext, members: Mask, shown: Float32, numbers: Iterable[int]
+) -> dict[str, list[int]]:
+    """Return which sets to look at by photo: each in at most `n_crop_views` photos that show it large."""
     views = context.views
     cameras = [views.cameras.by_photo[photo] for photo in context.graph.photos]
     found: dict[str, list[int]] = defaultdict(list)
-    for number in np.unique(sets.like):
-        pixels = sets.shown[number]
-        facing = {camera.photo for camera in views.facing(np.median(context.means[sets.members[number]], axis=0))}
+    for one in numbers:
+        pixels = shown[one]
+        facing = {camera.photo for camera in views.facing(np.median(context.means[members[one]], axis=0))}
         large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= LARGE * pixels.max()]
-        shown = [camera for camera in large if camera.photo in facing] or large
-        for camera in spread_cameras(shown, context.settings.n_crop_views):
-            found[camera.photo].append(int(number))
+        seen = [camera for camera in large if camera.photo in facing] or large
+        for camera in spread_cameras(seen, context.settings.n_crop_views):
+            found[camera.photo].append(int(one))
     return found
 
 

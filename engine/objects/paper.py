@@ -82,10 +82,10 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
     return found
 
 
-def nothing_found(text: str, context: SegmentationContext) -> PromptError:
-    """Return the error for a text that the detector knows and finds in no photo."""
+def nothing_found(text: str, context: SegmentationContext) -> str:
+    """Return the sentence on a text that the detector knows and finds in no photo."""
     count = min(context.settings.n_text_views, len(context.label_maps) or len(context.views.cameras.cameras))
-    return PromptError(f"{text!r} was not found in {count} photos. Use another word, or click on the object instead.")
+    return f"{text!r} was not found in {count} photos. Use another word, or click on the object instead."
 
 
 def _candidates(
@@ -132,7 +132,7 @@ def _from_text(text: str, context: SegmentationContext) -> list[MaskEvidence]:
                 evidence.append(MaskEvidence(view, mask, found.score))
         context.tell(number / len(cameras), f"Looking for {text!r} ({context.detector.name})")
     if not evidence:
-        raise nothing_found(text, context)
+        raise PromptError(nothing_found(text, context))
     return evidence
 
 

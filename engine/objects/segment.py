@@ -2,36 +2,34 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import expit
 
-from ..core.arrays import Mask
+from ..core.arrays import Float64, Mask
 from ..core.errors import PromptError
 from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
+from .choosing import answers_of, offers_of
 from .context import SegmentationContext
-from .evidence import evidence_of_places, find_evidence, require_known
+from .evidence import evidence_of_places, find_evidence, unknown_word
 from .graph import bounded
-from .lifting import FoundObject, is_same, isolate_object
-from .looks import load_or_build_looks
+from .lifting import FoundObject, isolate_object
+from .looks import Looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, apart
 from .settings import SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
+from .votes import MaskEvidence
 
 __all__ = ["NoMatchError", "find_everything", "find_objects", "mask_at"]
 
 _MIN_NAME_SCORE = 0.17  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""
-
-_NEAREST = 0.5
-"""Score relative to the best from which on what a refused text names least badly is shown as a candidate."""
 
 _LOOKS = {
     "hardly": "hardly looks like it",
@@ -46,13 +44,19 @@ class NoMatchError(PromptError):
 
     Attributes
     ----------
-    candidates : tuple of FoundObject
-        What looks most like it, the best first.
+    candidates : tuple of MaskEvidence
+        Whole objects of the scene, with their Gaussians: what looks most like it first, with its score.
+    suggestions : tuple of str
+        Words that fit what looks most like it better.
     """
 
-    def __init__(self, message: str, candidates: Sequence[FoundObject]) -> None:
+    def __init__(self, message: str, candidates: Sequence[MaskEvidence], suggestions: Sequence[str] = ()) -> None:
         super().__init__(message)
-        self.candidates = tuple(candidates)
+        self.candidates, self.suggestions = tuple(candidates), tuple(suggestions)
+
+
+class UnknownWordError(NoMatchError):
+    """The detector does not know the text, and it was not taught; the likeliest objects are its candidates."""
 
 
 def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObject]:
@@ -116,8 +120,12 @@ def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundOb
     found = _find_named(context.part(0, 2), spatial.noun)
     others: list[FoundObject] = []
     if spatial.other:
-        with contextlib.suppress(NoMatchError):  # `choose` says that there is none
+        try:
             others = _find_named(context.part(1, 2), spatial.other)
+        except UnknownWordError as error:
+            raise PromptError(str(error)) from error  # its pictures would be named by the whole text
+        except NoMatchError:
+            pass  # `choose` says that there is none
     means = context.means
     extents, other_extents = ([Extent(*inner_box(means[one.members])) for one in kind] for kind in (found, others))
     camera = prompt.camera or showing_camera(context.views.cameras.cameras, extents)
@@ -126,39 +134,47 @@ def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundOb
 
 def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
     """Return the objects that a text names; errors as in `find_objects`."""
-    settings = context.settings
-    require_known(text, context)
+    check, (taught, others) = context.detector.check_prompt(text), context.taught(text)
+    if not check.known and check.misspelt and not len(taught):
+        raise PromptError(unknown_word(text, check))
     looks = load_or_build_looks(context.part(0, 2))
     context = context.part(1, 2)
+    if not check.known and not len(taught):
+        raise UnknownWordError(unknown_word(text, check), _offered(looks, None, context))
     context.tell(0.0, f"Looking for {text!r} ({context.detector.name})")
-    scores = looks.scores(text, context)
+    scores = looks.scores(text, context) if check.known else np.zeros(len(looks.like))
+    if len(taught):
+        scores = np.maximum(scores, looks.scores_of_examples(taught, others, context.detector))
     if not scores.any():
-        raise nothing_found(text, context)
-    # The best first, without versions of better ones.
-    different: list[int] = []
-    for number in np.argsort(-scores, kind="stable"):
-        same = (is_same(looks.members[number], looks.members[k]) for k in different)
-        if len(different) < settings.max_objects and not any(same):
-            different.append(int(number))
-    least = max(settings.least_score, settings.relative_score * float(scores.max()))
-    wanted = [number for number in different if scores[number] >= least]
-    nearest = [number for number in different if scores[number] >= _NEAREST * scores.max()]
-    answers, members, found = wanted or nearest, looks.members, []
-    for done, number in enumerate(answers, start=1):
-        # Of its versions that score nearly as much, the likeliest whole object; none that is also another answer.
-        near = np.flatnonzero(scores >= settings.relative_score * scores[number])
-        versions = [k for k in near if [one for one in answers if is_same(members[k], members[one])] == [number]]
-        likeliest = int(max(versions, key=lambda k: float(looks.odds[k])))
-        found.append(isolate_object(context, [looks.evidence(likeliest, float(scores[number]), context)]))
-        context.tell(done / len(answers), "Isolating")
-    if not wanted:
-        best = found[0].score
+        raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
+    answers, found = answers_of(looks, scores, context.settings), []
+    if not answers:
+        nearest = _LOOKS[likeness(float(scores.max()), SURE_SCORE)]
         raise NoMatchError(
-            f"Nothing in the photos looks enough like {text!r}: the nearest {_LOOKS[likeness(best, SURE_SCORE)]}. Use "
+            f"Nothing in the photos looks enough like {text!r}: the nearest {nearest}. Use "
             "another word, or click on the object instead.",
-            found,
+            _offered(looks, scores, context),
         )
+    if not len(taught):
+        fitting = [looks.fitting_word(number, text, context) for number, _ in answers]
+        answers = [answer for answer, other in zip(answers, fitting, strict=True) if not other]
+        if not answers:
+            raise NoMatchError(
+                f"What looks most like {text!r} looks more like {fitting[0]!r}. Ask for that, or choose among the "
+                "pictures.",
+                _offered(looks, scores, context),
+                list(dict.fromkeys(fitting)),
+            )
+    for done, (number, score) in enumerate(answers, start=1):
+        found.append(isolate_object(context, [looks.evidence(number, score, context)]))
+        context.tell(done / len(answers), "Isolating")
     return found
+
+
+def _offered(looks: Looks, scores: Float64 | None, context: SegmentationContext) -> list[MaskEvidence]:
+    """Return what `offers_of` offers as evidence, with score 0 where nothing is known of the word."""
+    numbers = offers_of(looks, scores)
+    return [looks.evidence(number, 0.0 if scores is None else float(scores[number]), context) for number in numbers]
 
 
 def find_everything(context: SegmentationContext) -> list[FoundObject]:

@@ -16,7 +16,6 @@ from ..core.arrays import Float32, Mask
 from ..core.errors import FormatError, ObjectError, PromptError
 from ..core.events import Emit, StopCheck, Warned
 from ..core.settings import to_dict
-from ..core.words import normalised, similarly_spelt
 from ..pictures import encode_png
 from ..project.folder import ProjectFolder
 from ..project.objects import (
@@ -35,25 +34,25 @@ from ..project.objects import (
     save_object,
     taken_ids,
 )
+from ..project.own_words import OwnWords
 from ..project.provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
 from ..scene import Camera, PinholeCamera, load_detailed
-from .candidate_file import cut_out, forget_candidates, load_candidate, remember_candidates
+from .candidate_file import cut_out, forget_candidates, load_candidate
 from .context import DetectorFactory, SegmentationContext, load_context
 from .detail import DetailPhotos, DetailResult, detail_object
-from .evidence import evidence_of_clicks, find_evidence, meant_by
-from .grounding import offered_model
-from .known_objects import found_again, was_changed
+from .evidence import evidence_of_clicks
+from .known_objects import BACKGROUND, found_again, stored_memberships, was_changed
 from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
-from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
+from .prompts import Point, Prompt, TextPrompt, describe_prompt
+from .refusals import remember_refusal
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings
+from .teaching import learn
+from .votes import MaskEvidence
 
 __all__ = ["BACKGROUND", "Segmenter", "TextResult"]
-
-BACKGROUND = "background"
-"""Prompt kind, name and id of the background."""
 
 _MIN_LEFT = 0.05
 """Share of an object that a correction must leave: less is a rest of scattered Gaussians, not a smaller object."""
@@ -86,6 +85,8 @@ class Segmenter:
         See `engine.core.events`.
     device : Device
         Renders the views and counts the votes.
+    own_words : OwnWords or None
+        The user's own vocabulary; None in a project that neither teaches nor uses it.
     """
 
     project: ProjectFolder
@@ -95,13 +96,14 @@ class Segmenter:
     emit: Emit
     should_stop: StopCheck
     device: Device = PROCESSOR
+    own_words: OwnWords | None = None
 
     @cached_property
     def context(self) -> SegmentationContext:
         """The scene, which all prompts share."""
         return load_context(
             self.project, self.settings, self.detector_factory, self.sam_factory,
-            device=self.device, emit=self.emit, should_stop=self.should_stop,
+            device=self.device, own_words=self.own_words, emit=self.emit, should_stop=self.should_stop,
         )  # fmt: skip
 
     def segment(
@@ -133,17 +135,10 @@ class Segmenter:
         except PromptError as error:
             message = str(error)
             if isinstance(prompt, TextPrompt):
-                nearest = error.candidates if isinstance(error, NoMatchError) else ()
-                ids = {one.name: one.id for one in list_objects(self.project.path) if one.id != BACKGROUND}
-                alike = similarly_spelt([normalised(prompt.text)], ids)
-                if alike:
-                    message += f" The scene has an object that is called {' or '.join(map(repr, alike))}."
-                remember_candidates(
-                    self.project.path, prompt.text, message, nearest, context.photos,
-                    suggestions=meant_by(prompt.text, context.detector),
-                    offer=offered_model(context.detector.name),
-                    alike=[ids[name] for name in alike],
-                    same=[self._nearly(one.members) for one in nearest],
+                offered = error if isinstance(error, NoMatchError) else NoMatchError("", ())
+                message = remember_refusal(
+                    self.project.path, prompt.text, message, offered.candidates, context,
+                    suggestions=offered.suggestions,
                 )  # fmt: skip
             raise PromptError(message) from error
         if isinstance(prompt, TextPrompt):
@@ -208,6 +203,7 @@ class Segmenter:
         camera : Camera, PinholeCamera or None
             From which left and right are seen.
         """
+        self.learn()  # what was renamed since
         for number, (text, name) in enumerate(names.items()):
             if text in skip:
                 continue
@@ -219,8 +215,15 @@ class Segmenter:
             else:
                 yield TextResult(text, tuple(records))
 
+    def learn(self) -> list[str]:
+        """Teach the user's own vocabulary what the stored objects have to teach, and return these words; see `learn`.
+
+        A project that does not learn teaches nothing.
+        """
+        return [] if self.own_words is None else learn(self.project, self.own_words, self.context)
+
     def accept_candidate(self, number: int, name: str | None) -> list[ObjectRecord]:
-        """Store a candidate of a refused text that the user accepted.
+        """Store a candidate of a refused text that the user accepted; one that is an object already is that object.
 
         Parameters
         ----------
@@ -232,15 +235,22 @@ class Segmenter:
         Raises
         ------
         PromptError
-            When there is no candidate of this number.
+            When there is no candidate of this number, or the scene is another one now.
         """
-        started = time.perf_counter()
-        candidate = load_candidate(self.project.path, number)
-        (shown,) = find_evidence(MaskPrompt(candidate.photo, candidate.mask), self.context)
-        found = isolate_object(self.context, [replace(shown, score=candidate.score)])
+        started, candidate, context = time.perf_counter(), load_candidate(self.project.path, number), self.context
+        known = {record.id: record for record in list_objects(self.project.path)}.get(candidate.object_id)
+        if known is not None:
+            self.emit(Warned(f"This is {known.name!r}, which exists already, so no second object was stored."))
+            return [known]
+        camera = context.views.cameras.by_photo.get(candidate.photo)
+        if camera is None or len(candidate.members) != len(context.means):
+            raise PromptError("The scene has changed since this candidate was offered. Ask for the text again.")
+        view = context.views.of(camera)
+        mask = next(context.views.visible_masks(view, candidate.members[None]))
+        found = isolate_object(context, [MaskEvidence(view, mask, 1.0, members=candidate.members)])
         asked = describe_prompt(TextPrompt(candidate.text))
-        asked |= {"detector": self.context.detector.name, "accepted": True}
-        return self._store(self.context.part(1, 2), [found], asked, name or candidate.text, started)
+        asked |= {"detector": candidate.detector, "accepted": True}
+        return self._store(context.part(1, 2), [found], asked, name or candidate.text, started)
 
     def refine(self, name: str, clicks: Sequence[Point], excluded: Sequence[Point]) -> ObjectRecord:
         """Correct a stored object by clicks; at least one.
@@ -380,7 +390,7 @@ class Segmenter:
         """
         started = time.perf_counter()
         found = find_everything(self.context.part(0, 2))
-        existing = self._memberships(len(self.context.means))
+        existing = stored_memberships(self.project.path, len(self.context.means))
         if not found and not existing:
             raise PromptError("No object was found in front of the background of this scene. Click on an object.")
         new: list[FoundObject] = []
@@ -406,7 +416,7 @@ class Segmenter:
 
         started = time.perf_counter()
         self.project.require_intact("training")
-        memberships = self._memberships(len(load_gaussians(self.project.path / "gaussians")))
+        memberships = stored_memberships(self.project.path, len(load_gaussians(self.project.path / "gaussians")))
         if not memberships:
             raise ObjectError(
                 "This scene has no objects yet, so everything would be background. Isolate one, or use --all."
@@ -443,7 +453,8 @@ class Segmenter:
                 self.emit(Warned(found_again(item.name or name, same, int(item.members.sum()))))
                 records.append(same)
                 continue
-            record = self._record(item, asked, item.name or name, started)
+            suggested = {"name": item.name} if item.name else {}
+            record = self._record(item, {**asked, **suggested}, item.name or name, started)
             if item.id:
                 record = replace(record, id=item.id, name=names.get(item.id, record.name))
             pictures: dict[str, bytes] = {}
@@ -456,6 +467,7 @@ class Segmenter:
             levels = item.levels.memberships
             save_object(self.project.path, record, item.membership, levels=levels, pictures=pictures)
             records.append(record)
+        self.learn()
         return records
 
     def _same_as(self, members: Mask, asked: dict[str, Any]) -> ObjectRecord | None:
@@ -470,13 +482,6 @@ class Segmenter:
                 stored = load_membership(self.project.path, record.id) >= record.threshold
                 if np.array_equal(stored, members) or (was_changed(record, asked) and is_same(stored, members)):
                     return record
-        return None
-
-    def _nearly(self, members: Mask) -> str | None:
-        """Return the id of the stored object that `members`, bool [N], are a version of; None for no object."""
-        for object_id, membership in self._memberships(len(members)).items():
-            if is_same(membership >= DEFAULT_THRESHOLD, members):
-                return object_id
         return None
 
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
@@ -501,11 +506,3 @@ class Segmenter:
             levels=tuple({"n_gaussians": count} for count in counts) if several else (),
             run=describe_run(),
         )
-
-    def _memberships(self, count: int) -> dict[str, Float32]:
-        """Return the memberships of all objects of a scene with `count` Gaussians by id, without the background."""
-        return {
-            record.id: load_membership(self.project.path, record.id)
-            for record in list_objects(self.project.path)
-            if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
-        }

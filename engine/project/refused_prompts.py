@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..core.errors import ProjectError
+from ..core.errors import ProjectError, PromptError
 from ..core.files import delete_derived, optional, path_within, read_after_change, read_json, stamp_of
 from .content import is_project
 
-__all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found"]
+__all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found", "read_offer"]
 
 _FILE = ("objects", "candidates.json")
 _SCHEMA = {
@@ -126,6 +126,22 @@ def read_not_found(project: Path) -> NotFound | None:
         refusals=tuple(map(_refusal, data["refused"][:_MAX_SHOWN])),
         candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())[:_MAX_SHOWN]),
     )
+
+
+def read_offer(project: Path) -> NotFound:
+    """Return the prompts that were not found and for which another model is offered.
+
+    Raises
+    ------
+    PromptError
+        When there are none.
+    FormatError
+        When the file cannot be read.
+    """
+    not_found = read_not_found(project)
+    if not_found is None or not not_found.offer:
+        raise PromptError("No word was refused for which another model is offered. Ask for a word first.")
+    return not_found
 
 
 def _refusal(entry: dict[str, Any]) -> Refusal:

@@ -32,6 +32,7 @@ PROJECT_SCHEMA: Schema = {
     "stages": {str: _STAGE},
     "earlier_outputs": {str: _OUTPUTS},
     "photo_folder": optional(str),
+    "learns_words": optional(bool),
     "engine_version": optional(str),
     "objects_by_prompt": optional(
         ({"key": str, "found": _FOUND, "again": optional(_FOUND), "before": optional([str])}, None)

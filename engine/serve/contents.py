@@ -13,6 +13,7 @@ from ..delivery.records import describe_unit
 from ..project.content import ProjectObject, is_project, shown_objects
 from ..project.folder import ProjectFolder
 from ..project.objects import RECORD_FILE, load_record, state_of
+from ..project.own_words import read_learning
 from ..project.refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
 from .library import WebProject, size_of
@@ -54,6 +55,7 @@ def describe_project(queue: JobQueue, project: WebProject, settings: ServeSettin
         "waiting": [_as_dict(view) for view in queue.waiting(project.folder)],
         "scene": _scene(project),
         "objects": [describe_object(project, one) for one in _objects(project)],
+        "learns": _learns(project),
         "not_found": None if not_found is None else {
             "messages": [refusal.message for refusal in not_found.refusals],
             "suggestions": list(dict.fromkeys(one for refusal in not_found.refusals for one in refusal.suggestions)),
@@ -170,6 +172,13 @@ def _stage(project: WebProject, name: str) -> dict[str, Any] | None:
         return ProjectFolder.open_existing(project.project).stage_record(name)
     except HeritageError:
         return None  # what is wrong with it is said by the next job
+
+
+def _learns(project: WebProject) -> bool:
+    try:
+        return read_learning(project.project)
+    except HeritageError:
+        return False  # what is wrong with it is said by the next job
 
 
 def _as_dict(view: JobView | None) -> dict[str, Any] | None:

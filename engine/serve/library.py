@@ -52,6 +52,11 @@ class WebProject:
         return self.folder.parent.parent.name
 
     @property
+    def own_words(self) -> Path:
+        """File of the user's own vocabulary, which no other user's projects read."""
+        return self.folder.parent.parent / "own_words.json"
+
+    @property
     def photos(self) -> Path:
         """Folder of the uploaded photos."""
         return self.folder / "photos"

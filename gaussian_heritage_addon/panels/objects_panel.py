@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -13,7 +14,8 @@ from ...engine.core.files import object_file
 from ...engine.core.words import likeness
 from ...engine.objects.settings import SURE_SCORE
 from ...engine.project.objects import PICTURE_FILE
-from ...engine.project.refused_prompts import NotFound, Refusal, read_not_found
+from ...engine.project.own_words import read_learning
+from ...engine.project.refused_prompts import Candidate, NotFound, Refusal, read_not_found
 from ..blender.drawn_text import draw_text
 from ..language.translations import translated
 from ..project.not_stored import draw_not_stored, is_unstored
@@ -27,6 +29,8 @@ __all__ = ["CLASSES"]
 _NAME_SHARE = 0.6
 """Share of the width of a row that the name of an object gets."""
 _NEXT_STEP_HEIGHT = 1.6
+_N_COLUMNS = 2
+"""Pictures side by side of what a refused word may mean: three would have no room for their buttons."""
 _MAX_MESSAGES = 3
 """Words that were not found, each with its sentence; all of them would push the objects out of sight."""
 
@@ -120,6 +124,7 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         row = column.row(align=True)
         row.operator("heritage.find_objects", text="Find All")
         row.operator("heritage.isolate_background", text="Background")
+        _draw_learning(column, project_of(properties))
         # Before what was not found, which would push the list out of sight.
         layout.template_list("HERITAGE_UL_objects", "", bpy.data, "objects", properties, "active")
         try:
@@ -152,21 +157,33 @@ def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound, scene: bpy.typ
     if not_found.offer:
         _draw_offer(box, not_found.offer)
     if not_found.candidates:
-        box.label(text="Closest matches:")
-    for candidate in not_found.candidates:
-        row = box.row()
-        icon = picture_icon(candidate.picture)
-        if icon:
-            row.template_icon(icon_value=icon, scale=4.0)
-        column = row.column()
-        if candidate.object_id in names:
-            # Isolated again, it would stand twice in the list.
-            column.label(text=translated("This is {}", names[candidate.object_id]))
-            column.operator("heritage.select_object", text="Select").object_id = candidate.object_id
-            continue
-        column.label(text=f"{candidate.text}?")
-        draw_text(column, translated(_LIKENESS[likeness(candidate.score, SURE_SCORE)], candidate.text))
-        column.operator("heritage.accept_candidate", text="Isolate").number = candidate.number
+        box.label(text="Is it one of these?")
+    for text in dict.fromkeys(candidate.text for candidate in not_found.candidates):
+        box.label(text=f"{text}?")
+        grid = box.grid_flow(row_major=True, columns=_N_COLUMNS, even_columns=True, align=True)
+        for candidate in (one for one in not_found.candidates if one.text == text):
+            _draw_candidate(grid.column(align=True), candidate, names)
+
+
+def _draw_candidate(column: bpy.types.UILayout, candidate: Candidate, names: dict[str, str]) -> None:
+    """Draw a picture of what a word may mean, with the button that takes it."""
+    icon = picture_icon(candidate.picture)
+    if icon:
+        column.template_icon(icon_value=icon, scale=4.0)
+    if candidate.object_id in names:
+        # Isolated again, it would stand twice in the list.
+        column.label(text=translated("This is {}", names[candidate.object_id]))
+        column.operator("heritage.select_object", text="Select").object_id = candidate.object_id
+    else:
+        column.operator("heritage.accept_candidate", text="This One").number = candidate.number
+
+
+def _draw_learning(column: bpy.types.UILayout, project: Path) -> None:
+    """Draw whether the project learns words as a box to tick; nothing for a project that cannot be read."""
+    with contextlib.suppress(HeritageError):  # the panel of the project says what is wrong
+        learns = read_learning(project)
+        icon = "CHECKBOX_HLT" if learns else "CHECKBOX_DEHLT"
+        column.operator("heritage.learn_words", text="Learn My Words", icon=icon, depress=learns)
 
 
 def _draw_offer(box: bpy.types.UILayout, name: str) -> None:

@@ -155,7 +155,23 @@ def test_unknown_word_is_told_with_candidates_to_choose_from(open_page: OpenPage
     page.get_by_role("textbox", name="Which object?").fill("locomotive")
     page.get_by_role("button", name="Isolate", exact=True).click()
     expect(page.get_by_role("heading", name="Not found")).to_be_visible(timeout=RUN_MS)
+    pictures = page.locator(".candidates button img")
+    assert 1 <= pictures.count() <= 8
     keep_picture(page.locator(".panel"), "not_found")
+
+
+@pytest.mark.web
+def test_box_is_ticked_where_the_project_learns_words_also_after_loading_the_page_again(
+    open_page: OpenPage, scene_path: str
+) -> None:
+    page = open_page(path=scene_path)
+    box = page.get_by_role("checkbox", name="Learn my words")
+    expect(box).not_to_be_checked()
+    for learns in (True, False):
+        box.click()
+        page.reload()
+        wait_for_scene(page)
+        expect(box).to_be_checked(checked=learns)
 
 
 @pytest.mark.web

@@ -28,6 +28,7 @@ from . import (
     trash,
     turntable,
     verify,
+    vocabulary,
 )
 
 __all__ = ["COMMANDS"]
@@ -38,6 +39,7 @@ COMMANDS: tuple[ModuleType, ...] = (
     reconstruct,
     segment,
     show_clicks,
+    vocabulary,
     edit,
     trash,
     measure,

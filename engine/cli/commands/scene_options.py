@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...core.errors import SettingsError
 from ...core.words import split_texts
 from ...pipeline.planning import PlanSettings
 from ...training.settings import PRESET_LIST
 
+if TYPE_CHECKING:
+    from ...project.own_words import OwnWords
+
 __all__ = [
     "add_camera_options",
     "add_device_option",
     "add_no_objects_option",
+    "add_own_words_option",
     "add_preset_option",
     "add_prompts_option",
     "add_set_option",
     "add_size_options",
     "describe_presets",
+    "own_words_of",
     "prompts_of",
 ]
 
@@ -111,3 +117,18 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 def add_no_objects_option(parser: argparse.ArgumentParser) -> None:
     """Add ``--no-objects``."""
     parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")
+
+
+def add_own_words_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--own-words``, which `own_words_of` reads."""
+    parser.add_argument(
+        "--own-words", type=Path, metavar="FILE", help="file of your own vocabulary (default: beside the models)"
+    )
+
+
+def own_words_of(options: argparse.Namespace) -> OwnWords:
+    """Return the vocabulary that the options mean."""
+    from ...install.models import models_folder
+    from ...project.own_words import OwnWords
+
+    return OwnWords(options.own_words or models_folder().parent / "own_words.json")

@@ -14,10 +14,12 @@ from ...objects import parse_point, parse_prompt
 from ...objects.settings import DEFAULT_PRESET, PRESETS
 from ...project.folder import ProjectFolder
 from ...project.objects import object_ids
+from ...project.own_words import learns_words
+from ...project.refused_prompts import read_not_found
 from ...rasterizer import PROCESSOR, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
 from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos
-from .scene_options import add_device_option
+from .scene_options import add_device_option, add_own_words_option, own_words_of
 
 if TYPE_CHECKING:
     from ...objects import Segmenter
@@ -53,6 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--accept", type=int, metavar="N", help="candidate N of objects/candidates.json, stored for a refused text"
     )
     action.add_argument(
+        "--meant", type=int, nargs="?", const=1, metavar="N",
+        help="ask again for what the refused texts were probably meant for: suggestion N of each (default: the first)",
+    )  # fmt: skip
+    action.add_argument(
         "--refine", metavar="OBJECT", help="correct this object: --click adds, --not removes, --level selects a level"
     )
     action.add_argument(
@@ -85,6 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_sam_argument(parser)
     add_device_option(parser, "render views and count votes")
+    add_own_words_option(parser)
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
@@ -104,6 +111,7 @@ def _action(options: argparse.Namespace) -> str:
         "all": options.all,
         "complement": options.complement,
         "accept": options.accept is not None,
+        "meant": options.meant is not None,
         "refine": options.refine is not None,
         "detail": options.detail is not None,
     }
@@ -112,21 +120,21 @@ def _action(options: argparse.Namespace) -> str:
     actions = [name for name, is_given in given.items() if is_given]
     if len(actions) != 1:
         raise SettingsError(
-            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept, --refine and "
-            "--detail."
+            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept, --meant, --refine "
+            "and --detail."
         )
     action = actions[0]
     if options.excluded and action not in ("pointed", "refine"):
         raise SettingsError("--not requires --click, --box, --mask or --refine.")
     if options.level is not None and action != "refine":
         raise SettingsError("--level requires --refine.")
-    if options.seen_from is not None and action != "prompt":
-        raise SettingsError("--seen-from requires --prompt.")
+    if options.seen_from is not None and action not in ("prompt", "meant"):
+        raise SettingsError("--seen-from requires --prompt, or --meant.")
     if options.fetch is not None and action != "prompt":
         raise SettingsError("--fetch requires --prompt.")
     if options.offline is not None and options.fetch is None:
         raise SettingsError("--from requires --fetch.")
-    if options.name is not None and action in ("all", "complement", "refine", "detail"):
+    if options.name is not None and action in ("all", "complement", "refine", "detail", "meant"):
         raise SettingsError(f"--name cannot be combined with --{action}.")
     return action
 
@@ -140,14 +148,13 @@ def _segmenter(
     return Segmenter(
         project, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop,
         device=choose_objects_device(options.device) if renders else PROCESSOR,
+        own_words=own_words_of(options) if learns_words(project) else None,
     )  # fmt: skip
 
 
 def _texts(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ...objects import CANDIDATES
-
     texts = split_texts(options.prompt)
     if not texts:
         raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
@@ -156,16 +163,52 @@ def _texts(
             f"--name cannot be combined with several texts: {', '.join(map(repr, texts))}. Without it, each object is "
             "named after its text. A text in quotation marks is one."
         )
+    return _ask(project, texts, options, emit, should_stop)
+
+
+def _ask(
+    project: ProjectFolder, texts: list[str], options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    from ...objects import CANDIDATES
+
     camera = None if options.seen_from is None else _camera(project.path, options.seen_from)
     if options.fetch is not None:
         _fetch(options, emit, should_stop)
     segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
-    records, refused = segmenter.segment_texts(texts, options.name, camera)
+    try:
+        records, refused = segmenter.segment_texts(texts, options.name, camera)
+    except PromptError as error:
+        raise PromptError(f"{error} {_what_now(project.path)}".strip()) from error
     message, outputs = _stored(records, before, segmenter)
     if refused:
         outputs["refused"] = refused
         outputs["candidates"] = CANDIDATES
     return message, outputs
+
+
+def _what_now(project: Path) -> str:
+    """Return which options answer what was refused; empty for none."""
+    not_found = read_not_found(project)
+    if not_found is None:
+        return ""
+    meant = [repr(one.suggestions[0]) for one in not_found.refusals if one.suggestions]
+    said = [f"With --meant in place of --prompt, {' and '.join(meant)} is asked for."] if meant else []
+    if not_found.candidates:
+        first = not_found.candidates[0]
+        said.append(f"Is it one of the pictures in {first.picture.parent}? --accept N takes number N.")
+    return " ".join(said)
+
+
+def _meant(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
+) -> tuple[str, dict[str, Any]]:
+    not_found = read_not_found(project.path)
+    refusals = () if not_found is None else not_found.refusals
+    number = options.meant
+    texts = [one.suggestions[number - 1] for one in refusals if 1 <= number <= len(one.suggestions)]
+    if not texts:
+        raise PromptError(f"No text was refused for which suggestion {number} is known. Ask for a text first.")
+    return _ask(project, list(dict.fromkeys(texts)), options, emit, should_stop)
 
 
 def _fetch(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> None:
@@ -264,6 +307,7 @@ _ACTIONS = {
     "all": _all,
     "complement": _complement,
     "accept": _accept,
+    "meant": _meant,
     "refine": _refine,
     "detail": _detail,
 }

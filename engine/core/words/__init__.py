@@ -5,7 +5,7 @@ Standard library only: Blender and the server split prompts as the engine does.
 
 from .alike import Likeness, likeness
 from .splitting import join_texts, split_list, split_texts
-from .vocabulary_words import MADE_CLASSES, normalised, similarly_spelt, word_list
+from .vocabulary_words import MADE_CLASSES, normalised, similarly_spelt, singulars, word_list
 
 __all__ = [
     "MADE_CLASSES",
@@ -14,6 +14,7 @@ __all__ = [
     "likeness",
     "normalised",
     "similarly_spelt",
+    "singulars",
     "split_list",
     "split_texts",
     "word_list",

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
         offered_model,
         stored_describers,
     )
-    from .detector import Detector
+    from .detector import Detector, PromptCheck
 
 __all__ = [
     "WORD_MODELS",
     "Detector",
+    "PromptCheck",
     "default_detector_name",
     "load_default_detector",
     "load_detector",

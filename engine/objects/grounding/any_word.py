@@ -10,20 +10,20 @@ from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arrays import Float32, Int32, Int64, Mask, Pixels
+from ...core.arrays import Float32, Int64, Mask, Pixels
 from ...core.errors import PromptError
 from ...core.words import MADE_CLASSES, normalised, word_list
 from ...install.models import models_folder
-from ...masks import mask_box
+from .crop_describer import CropDescriber, as_boxes
 from .crops import Background, Box, cut_out
 from .detector import Detection, PromptCheck
 from .image_text import ImageTextEncoder, load_encoder
 from .kept_vectors import kept_vectors
 from .offline_vocabulary import OfflineVocabulary
+from .windows import square_windows
 
 __all__ = ["AnyWord"]
 
@@ -35,13 +35,9 @@ _N_ALIKE = 5
 """Words of the vocabulary, the nearest by meaning, that do not speak against a word: *vase* not against *amphora*. Not
 fitted; it acts on all words alike, so that no share of refused words depends on it."""
 _MAX_NAMED = 5
-_WINDOWS = (1, 2, 3, 5)
-"""Windows along the shorter side of a photo without segments; the next begins in the middle of one."""
-_MIN_SEGMENT_FRACTION, _MAX_SEGMENT_FRACTION = 0.001, 0.5  # chosen on museum_room
-"""Smaller and larger segments of a photo are not described, as by the offline vocabulary."""
 
 
-class AnyWord:
+class AnyWord(CropDescriber):
     """An image-text encoder for pictures and words, and the offline vocabulary for how whole a crop looks.
 
     Parameters
@@ -71,6 +67,7 @@ class AnyWord:
 
     def _open(self, encoder: ImageTextEncoder, classifier: OfflineVocabulary, derived: Path | None) -> None:
         self.name = encoder.name
+        self.fingerprint = f"{encoder.fingerprint}, examples 1"
         self._encoder, self._classifier, self._derived = encoder, classifier, derived
         # Different birds are called crane.
         self._words = list(dict.fromkeys(entry.words[0] for entry in word_list().classes))
@@ -80,54 +77,13 @@ class AnyWord:
         _required(prompt)
         return PromptCheck(True, [], f"{self.name} looks for any words.")
 
-    def detect(self, pixels: Pixels, prompt: str, *, labels: Int32 | None = None) -> list[Detection]:
-        """Return the detections, best first; see `Detector.detect`.
-
-        Without `labels`, windows of several sizes are scored: boxes are then as coarse as these.
-        """
-        height, width = pixels.shape[:2]
-        if labels is None:
-            boxes, masks, regions = _windows(height, width), None, None
-        else:
-            if labels.shape != (height, width):
-                labels = cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST)
-            numbers, areas = np.unique(labels, return_counts=True)
-            share = areas / labels.size
-            suitable = (numbers > 0) & (share >= _MIN_SEGMENT_FRACTION) & (share <= _MAX_SEGMENT_FRACTION)
-            regions = [int(number) for number in numbers[suitable]]
-            masks = [labels == number for number in regions]
-            boxes = [_as_box(mask_box(mask)) for mask in masks]
-        scores = self.score_crops(pixels, boxes, prompt, masks=masks)
-        found = [
-            Detection(box, score, prompt.strip(), None if regions is None else regions[k])
-            for k, (box, score) in enumerate(zip(boxes, scores, strict=True))
-        ]
-        return sorted(found, key=lambda detection: -detection.score)
-
-    def score_crops(
-        self,
-        pixels: Pixels,
-        boxes: ArrayLike,
-        prompt: str,
-        *,
-        masks: Sequence[Mask] | None = None,
-    ) -> list[float]:
-        """Return how well each box, or each mask if given, matches `prompt`; see `Detector.score_crops`."""
-        corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
-        if masks is not None and len(masks) != len(corners):
-            raise ValueError(f"{len(corners)} boxes and {len(masks)} masks")
-        if not corners:
-            return []
-        return self.score_descriptions(self._vectors(pixels, corners, masks), prompt)
-
     def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32:
         """Return the vectors on white and before blurred surroundings, and `whole_odds`, [n, 2 D + 1].
 
         See `Detector.describe_crops`.
         """
-        corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
         whole = self._classifier.whole_odds(self._classifier.describe_crops(pixels, boxes, masks))
-        return np.hstack([self._vectors(pixels, corners, masks), whole[:, None]])
+        return np.hstack([self._vectors(pixels, as_boxes(boxes), masks), whole[:, None]])
 
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
         """Return the probability of the prompt among the words of the vocabulary; see `Detector.score_descriptions`.
@@ -151,6 +107,10 @@ class AnyWord:
         made = {word_list().classes[index].words[0] for index in MADE_CLASSES}
         return self._scores(described, self._vocabulary[[word in made for word in self._words]])
 
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return nothing: from when on another word excludes one was not measured; see `Detector.fitting_word`."""
+        return ""
+
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words of the vocabulary for the object; see `Detector.name_descriptions`."""
         if len(described) == 0:
@@ -159,14 +119,42 @@ class AnyWord:
         best = np.argsort(-mean, kind="stable")[:_MAX_NAMED]
         return [(self._words[int(index)], float(mean[index])) for index in best]
 
+    def example_vectors(self, described: Float32) -> Float32:
+        """Return the vectors of the crops, [n, 2 D]; see `Detector.example_vectors`."""
+        return described[:, :-1]
+
+    def usual_example(self) -> None:
+        """Return None: no encoder's weights could be run here."""
+        return None
+
     def whole_odds(self, described: Float32) -> Float32:
         """Return the last column of the descriptions; see `Detector.whole_odds`."""
         return described[:, -1]
 
-    def _vectors(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask] | None) -> Float32:
-        """Return the vectors of each crop side by side, [n, D] of boxes or [n, 2 D] of masks."""
-        if masks is None:
-            return self._encoder.of_pictures([cut_out(pixels, box, None, "white").squared() for box in boxes])
+    def describe_boxes(self, pixels: Pixels, boxes: Sequence[Box]) -> Float32:
+        """Return the vector of what each box shows, [n, D]."""
+        if not boxes:
+            return np.zeros((0, 1), np.float32)
+        return self._encoder.of_pictures([cut_out(pixels, box, None, "white").squared() for box in boxes])
+
+    def describe_segments(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:
+        """Return the vectors of `describe_crops`, [n, 2 D]."""
+        return self._vectors(pixels, boxes, masks)
+
+    def detect_in_windows(self, pixels: Pixels, prompt: str) -> list[Detection]:
+        """Return the squares of several sizes with their scores."""
+        boxes = square_windows(*pixels.shape[:2])
+        scores = self.score_crops(pixels, boxes, prompt)
+        return [Detection(box, score, prompt.strip()) for box, score in zip(boxes, scores, strict=True)]
+
+    def word_for(self, row: Float32, prompt: str) -> str:
+        """Return the prompt."""
+        return prompt.strip()
+
+    def _vectors(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:
+        """Return the vectors of each crop side by side, [n, 2 D]."""
+        if not boxes:
+            return np.zeros((0, 1), np.float32)
         crops = [
             cut_out(pixels, box, mask, background).squared()
             for box, mask in zip(boxes, masks, strict=True)
@@ -220,17 +208,3 @@ def _required(prompt: str) -> str:
     if not text:
         raise PromptError("The prompt is empty. Type what to look for, for example: vase")
     return text
-
-
-def _windows(height: int, width: int) -> list[Box]:
-    boxes = []
-    for count in _WINDOWS:
-        side = min(height, width) / count
-        rows, columns = (np.arange(0, size - side + 1e-6, side / 2) for size in (height, width))
-        boxes += [_as_box((x, y, x + side, y + side)) for y in rows for x in columns]
-    return boxes
-
-
-def _as_box(corners: ArrayLike | None) -> Box:
-    x0, y0, x1, y1 = (float(value) for value in np.asarray(corners, np.float64))
-    return x0, y0, x1, y1

@@ -48,11 +48,14 @@ class PromptCheck:
         first.
     message : str
         One sentence for the user.
+    misspelt : bool
+        Whether `matches` are words that are spelt nearly like an unknown prompt.
     """
 
     known: bool
     matches: list[tuple[str, float]]
     message: str
+    misspelt: bool = False
 
 
 class Detector(Protocol):
@@ -60,6 +63,9 @@ class Detector(Protocol):
 
     name: str
     """Name in the model catalogue, stored with every object that the detector finds."""
+
+    fingerprint: str
+    """What tells one version of its `example_vectors` from another; empty for a detector that describes no crops."""
 
     fitted: bool
     """Whether the threshold of a word (`engine.objects.looks`) was fitted to the scores of this detector. Otherwise it
@@ -158,6 +164,29 @@ class Detector(Protocol):
         """
         ...
 
+    def example_vectors(self, described: Float32) -> Float32:
+        """Return what is kept of each row of `described`, [n, D], as an example of a word that a user teaches, [n, E].
+
+        The mean of the rows of one object is an example.
+        """
+        ...
+
+    def score_examples(self, described: Float32, means: Float32) -> Float32:
+        """Return how well each row of `described`, [n, D], matches each of W words that were taught, [n, W].
+
+        Parameters
+        ----------
+        described : array of shape [n, D], float32
+        means : array of shape [W, E], float32
+            Means of the examples of each word.
+
+        Returns
+        -------
+        array of shape [n, W], float32
+            Like `score_descriptions`.
+        """
+        ...
+
     def whole_odds(self, described: Float32) -> Float32:
         """Return what each crop adds to the log-odds of being one whole thing.
 
@@ -170,6 +199,18 @@ class Detector(Protocol):
         -------
         array of shape [n], float32
             Negative for a part of a thing and for several things; zero when the detector cannot tell.
+        """
+        ...
+
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return the word that one object clearly is instead of `prompt`, which it therefore is not; empty for none.
+
+        Parameters
+        ----------
+        described : array of shape [n, D], float32
+            Descriptions of the object in n > 0 photos, by `describe_crops`.
+        prompt : str
+            That the detector knows.
         """
         ...
 

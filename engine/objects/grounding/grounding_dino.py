@@ -17,6 +17,7 @@ from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
 from ...core.errors import ModelFileError
 from ...install.models import locate, open_session
 from ...masks import box_ious, mask_box
+from .crop_describer import as_box
 from .detector import Detection, PromptCheck
 from .dino_inputs import Tokens, load_tokenizer, normalise_picture, resized_size, to_caption
 from .settings import GroundingSettings
@@ -88,6 +89,7 @@ class GroundingDino:
     Liu et al., "Grounding DINO: Marrying DINO with Grounded Pre-Training for Open-Set Object Detection", 2023.
     """
 
+    fingerprint = ""
     fitted = False
 
     def __init__(
@@ -164,7 +166,7 @@ class GroundingDino:
         kept = _suppress_overlapping(predicted.corners, order, self._settings.max_overlap)
         boxes = _clip_to_photo(predicted.corners[kept], pixels.shape)
         detections = [
-            Detection(_as_box(box), float(predicted.scores[i]), predicted.labels[i] or prompt.strip())
+            Detection(as_box(box), float(predicted.scores[i]), predicted.labels[i] or prompt.strip())
             for i, box in zip(kept, boxes, strict=True)
         ]
         if labels is None:
@@ -210,9 +212,21 @@ class GroundingDino:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_vocabulary`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
 
+    def example_vectors(self, described: Float32) -> Float32:
+        """Raise an error: `describe_crops` returns no descriptions; see `Detector.example_vectors`."""
+        raise NotImplementedError(f"{self.name} returns no descriptions")
+
+    def score_examples(self, described: Float32, means: Float32) -> Float32:
+        """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_examples`."""
+        raise NotImplementedError(f"{self.name} returns no descriptions")
+
     def whole_odds(self, described: Float32) -> Float32:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.whole_odds`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
+
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return nothing: this model has no words of its own; see `Detector.fitting_word`."""
+        return ""
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return an empty list: this model has no words of its own; see `Detector.name_descriptions`."""
@@ -323,14 +337,14 @@ def best_segments(boxes: Float32, labels: Int32) -> list[tuple[int, float, tuple
         x0, y0 = int(np.clip(np.floor(box[0]), 0, width)), int(np.clip(np.floor(box[1]), 0, height))
         x1, y1 = int(np.clip(np.ceil(box[2]), 0, width)), int(np.clip(np.ceil(box[3]), 0, height))
         inside = np.bincount(labels[y0:y1, x0:x1].ravel(), minlength=len(areas))
-        best = (0, 0.0, _as_box(box))
+        best = (0, 0.0, as_box(box))
         for number in np.flatnonzero(inside[1:]) + 1:
             if int(number) not in segment_boxes:
                 segment_boxes[int(number)] = np.array(_extent(labels == number, box), np.float32)
             segment_box = segment_boxes[int(number)]
             fit = float(box_ious(segment_box[None], box)[0]) * float(inside[number] / areas[number])
             if fit > best[1]:
-                best = (int(number), fit, _as_box(segment_box))
+                best = (int(number), fit, as_box(segment_box))
         results.append(best)
     return results
 
@@ -352,8 +366,3 @@ def _suppress_overlapping(corners: Float32, order: Sequence[int], max_overlap: f
 
 def _clip_to_photo(corners: Float32, shape: tuple[int, ...]) -> Float32:
     return np.clip(corners, 0, np.array([shape[1], shape[0], shape[1], shape[0]], np.float32))
-
-
-def _as_box(box: ArrayLike) -> tuple[float, float, float, float]:
-    x0, y0, x1, y1 = (float(value) for value in np.asarray(box).ravel())
-    return x0, y0, x1, y1

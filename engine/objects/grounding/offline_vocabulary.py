@@ -13,27 +13,30 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 
-from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
+from ...core.arrays import Float32, Mask, Pixels
 from ...core.errors import PromptError
 from ...core.words import MADE_CLASSES
 from ...install.models import locate, models_folder, multiplies_bfloat16
-from ...masks import mask_box
+from .crop_describer import CropDescriber, as_boxes
 from .crops import WHITE, Box, cut_out
 from .detector import Detection, PromptCheck
 from .efficientnet import INPUT_SIDE, N_FEATURES, EfficientNetLite2
 from .row_cache import RowCache
 from .sentences import SentenceEncoder
 from .vocabulary import N_CLASSES, Vocabulary
-from .wholeness import whole_odds
+from .wholeness import usual_features, whole_odds
 from .windows import find_windows
 
 __all__ = ["OfflineVocabulary"]
+
+Score = TypeVar("Score", float, Float32)
 
 _BATCH_SIZE = 4
 _BLUR = 0.4
@@ -44,9 +47,10 @@ _MAX_NAMED = 5
 _MIDPOINT = 0.1  # chosen on museum_room
 # Detections with a lower score are discarded.
 _MIN_SCORE = 0.05  # chosen on museum_room
-# Segments that cover a smaller or larger fraction of the photo are not classified.
-_MIN_SEGMENT_FRACTION = 0.001  # chosen on museum_room
-_MAX_SEGMENT_FRACTION = 0.5  # chosen on museum_room
+_SURE = 0.3  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Probability of a class from which on it may exclude others."""
+_EXCLUDES = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""How much more probable a class is than those of a word which it excludes: a gong is no bell."""
 _MAX_CACHED_ROWS = 20_000
 """Largest number of crops whose features are kept in memory, 5 KB each."""
 
@@ -55,7 +59,7 @@ _MAX_CACHED_PHOTOS = 200
 eight photos of a scene."""
 
 
-class OfflineVocabulary:
+class OfflineVocabulary(CropDescriber):
     """EfficientNet-Lite2 for pictures, all-MiniLM-L6-v2 for words.
 
     Parameters
@@ -70,6 +74,7 @@ class OfflineVocabulary:
     """
 
     fitted = True
+    least_score = _MIN_SCORE
 
     def __init__(self, cache: Path | None = None) -> None:
         self.name = "offline-vocabulary"
@@ -77,12 +82,14 @@ class OfflineVocabulary:
         derived = models_folder(cache).parent / "derived"
         self._vocabulary = Vocabulary(encoder, derived)
         weights = locate("efficientnet-lite2", cache)
+        self.fingerprint = f"{weights.name}, examples 1"  # the catalogue pins the hash of the file of this name
         self._classifier = EfficientNetLite2(weights, bfloat16=multiplies_bfloat16())
         self._segment_cache = RowCache(
             derived / f"features-{weights.stem}", width=N_FEATURES, max_files=_MAX_CACHED_PHOTOS
         )
         # Features do not depend on the prompt, so they are cached for further prompts on the same photos.
         self._features: OrderedDict[str, Float32] = OrderedDict()
+        self._told: tuple[Float32, Float32] | None = None
 
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return whether `prompt` matches a class, with the matching or the nearest classes.
@@ -94,60 +101,42 @@ class OfflineVocabulary:
         """
         return self._vocabulary.check(prompt)
 
-    def detect(self, pixels: Pixels, prompt: str, *, labels: Int32 | None = None) -> list[Detection]:
-        """Return the detections, best first; see `Detector.detect`.
-
-        Notes
-        -----
-        With `labels`, each segment is classified in about 0.06 CPU seconds; the results are stored on disk for further
-        prompts. Without, windows of several sizes are classified, which takes as long as about 40 segments and gives
-        less accurate boxes.
-        """
-        class_weights = self._class_weights(prompt)
-        if labels is None:
-            detections = [
-                Detection(window.box, _score(window.probability), self._vocabulary.name(window.class_index))
-                for window in find_windows(self._classifier, pixels, class_weights)
-            ]
-        else:
-            detections = self._classify_segments(pixels, labels, class_weights)
-        detections = [detection for detection in detections if detection.score >= _MIN_SCORE]
-        return sorted(detections, key=lambda detection: -detection.score)
-
-    def score_crops(
-        self,
-        pixels: Pixels,
-        boxes: ArrayLike,
-        prompt: str,
-        *,
-        masks: Sequence[Mask] | None = None,
-    ) -> list[float]:
-        """Return how well each box, or each mask if given, matches `prompt`; see `Detector.score_crops`.
-
-        The score of a mask is the mean of that with its surroundings replaced with white and of that with its
-        surroundings dimmed.
-        """
-        corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
-        if masks is not None and len(masks) != len(corners):
-            raise ValueError(f"{len(corners)} boxes and {len(masks)} masks")
-        described = (
-            self._probabilities(self._pooled(pixels, corners, None))
-            if masks is None
-            else self.describe_crops(pixels, boxes, masks)
-        )
-        return self.score_descriptions(described, prompt)
-
     def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32:
-        """Return the probabilities of the classes on white and with dimmed surroundings, and `whole_odds`, [n, 2001].
+        """Return the pooled features of each mask, first on white, then with dimmed surroundings, [n, 2560].
 
         See `Detector.describe_crops`. The white background keeps the outline, the dimmed one the surroundings.
         """
-        features = self.features_of_crops(pixels, boxes, masks)
-        rows = self._probabilities(features.reshape(-1, N_FEATURES)).reshape(-1, 2 * N_CLASSES)
-        return np.hstack([rows, whole_odds(features)[:, None]])
+        corners = as_boxes(boxes)
+        return np.hstack([self._pooled(pixels, corners, masks, dimmed=dimmed) for dimmed in (False, True)])
+
+    def describe_boxes(self, pixels: Pixels, boxes: Sequence[Box]) -> Float32:
+        """Return the pooled features of what each box shows, [n, 1280]."""
+        return self._pooled(pixels, boxes, None)
+
+    def describe_segments(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:
+        """Return the pooled features of each segment on white, [n, 1280].
+
+        A segment takes about 0.06 CPU seconds; the results are stored on disk for further prompts.
+        """
+        return self._pooled(pixels, boxes, masks, disk_cache=self._segment_cache)
+
+    def detect_in_windows(self, pixels: Pixels, prompt: str) -> list[Detection]:
+        """Return the windows in which the classifier sees classes of the prompt.
+
+        It takes as long as about 40 segments and gives less accurate boxes.
+        """
+        return [
+            Detection(window.box, _score(window.probability), self._vocabulary.name(window.class_index))
+            for window in find_windows(self._classifier, pixels, self._class_weights(prompt))
+        ]
+
+    def word_for(self, row: Float32, prompt: str) -> str:
+        """Return the usual word of the most probable class of the prompt."""
+        probabilities = self._probabilities(row[None]).mean(axis=(0, 1))
+        return self._vocabulary.name(max(self._class_weights(prompt), key=lambda index: probabilities[index]))
 
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
-        """Return the score of each row of class probabilities; see `Detector.score_descriptions`.
+        """Return the score of each row of features; see `Detector.score_descriptions`.
 
         Raises
         ------
@@ -155,15 +144,24 @@ class OfflineVocabulary:
             When the prompt is empty or not known.
         """
         class_weights = self._class_weights(prompt)
-        rows = _rows(described)
-        scores = np.array([_score(_total_probability(row, class_weights)) for row in rows])
-        return [float(score) for score in scores.reshape(len(described), -1).mean(axis=1)] if len(rows) else []
+        rows = self._probabilities(described)
+        weights = np.array(list(class_weights.values()), np.float32)
+        scores = _score(rows[..., list(class_weights)] @ weights).mean(axis=1)
+        return [float(score) for score in scores]
 
     def score_vocabulary(self, described: Float32) -> Float32:
         """Return the score of each class of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""
-        rows = _rows(described)[:, MADE_CLASSES.start : MADE_CLASSES.stop]
-        scores = rows / (rows + _MIDPOINT)
-        return np.asarray(scores.reshape(len(described), -1, len(MADE_CLASSES)).mean(axis=1), np.float32)
+        rows = self._probabilities(described)[..., MADE_CLASSES.start : MADE_CLASSES.stop]
+        return np.asarray(_score(rows).mean(axis=1), np.float32)
+
+    def fitting_word(self, described: Float32, prompt: str) -> str:
+        """Return the most probable class if it clearly excludes those of the prompt; see `Detector.fitting_word`."""
+        class_weights = self._class_weights(prompt)
+        mean = self._probabilities(described).mean(axis=(0, 1))
+        own = sum(float(mean[index]) * weight for index, weight in class_weights.items())
+        mean[list(class_weights)] = 0
+        best = int(mean.argmax())
+        return self._vocabulary.name(best) if mean[best] >= max(_SURE, _EXCLUDES * own) else ""
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words for the object of all rows; see `Detector.name_descriptions`.
@@ -174,34 +172,36 @@ class OfflineVocabulary:
         """
         if len(described) == 0:
             return []
-        mean = _rows(described).mean(axis=0)
+        mean = self._probabilities(described).mean(axis=(0, 1))
         best = np.argsort(-mean, kind="stable")[:_MAX_NAMED]
         return [(self._vocabulary.name(int(index)), _score(float(mean[index]))) for index in best]
 
-    def whole_odds(self, described: Float32) -> Float32:
-        """Return the last column of the descriptions; see `Detector.whole_odds`."""
-        return described[:, -1]
+    def example_vectors(self, described: Float32) -> Float32:
+        """Return the square roots of the features, which are not negative, [n, 2560]; see `Detector.example_vectors`.
 
-    def features_of_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32:
-        """Return the pooled features of each mask, first on white, then with dimmed surroundings.
-
-        Parameters
-        ----------
-        pixels : array of shape [H, W, 3], uint8, sRGB
-        boxes : array-like of shape [n, 4]
-            x0, y0, x1, y1 in pixels.
-        masks : sequence of n bool arrays of shape [H, W]
-
-        Returns
-        -------
-        array of shape [n, 2560], float32
+        A few features are far larger than the others, and would decide alone.
         """
-        corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
-        return np.hstack([self._pooled(pixels, corners, masks, dimmed=dimmed) for dimmed in (False, True)])
+        return np.sqrt(np.maximum(described, 0))
 
-    def _probabilities(self, features: Float32) -> Float32:
-        """Return the probabilities of the classes, [n, 1000]."""
-        return np.asarray(self._classifier.classes(torch.from_numpy(features)).softmax(dim=1).numpy(), np.float32)
+    def usual_example(self) -> Float32:
+        """Return the mean of the same over what may be objects in rooms, [2560]."""
+        return usual_features()
+
+    def whole_odds(self, described: Float32) -> Float32:
+        """Return how whole each crop looks by `wholeness.whole_odds`; see `Detector.whole_odds`."""
+        return whole_odds(described)
+
+    def _probabilities(self, described: Float32) -> Float32:
+        """Return the probabilities of the classes by each crop of the rows, [n, crops, 1000].
+
+        Those of the last descriptions are kept: all words of a scene are compared with the same ones.
+        """
+        if self._told is None or self._told[0] is not described:
+            pooled = np.ascontiguousarray(described, np.float32).reshape(-1, N_FEATURES)
+            told = self._classifier.classes(torch.from_numpy(pooled)).softmax(dim=1).numpy()
+            n_crops = described.shape[1] // N_FEATURES
+            self._told = described, np.asarray(told, np.float32).reshape(len(described), n_crops, N_CLASSES)
+        return self._told[1]
 
     def _class_weights(self, prompt: str) -> dict[int, float]:
         class_weights = self._vocabulary.class_weights(prompt)
@@ -209,30 +209,10 @@ class OfflineVocabulary:
             raise PromptError(self._vocabulary.check(prompt).message)
         return class_weights
 
-    def _classify_segments(self, pixels: Pixels, labels: Int32, class_weights: dict[int, float]) -> list[Detection]:
-        height, width = pixels.shape[:2]
-        if labels.shape != (height, width):
-            labels = cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST)
-        segment_ids, areas = np.unique(labels, return_counts=True)
-        suitable = (
-            (segment_ids > 0)
-            & (areas >= _MIN_SEGMENT_FRACTION * labels.size)
-            & (areas <= _MAX_SEGMENT_FRACTION * labels.size)
-        )
-        masks = [labels == segment_id for segment_id in segment_ids[suitable]]
-        boxes = [_box_of(mask) for mask in masks]
-        detections = []
-        rows = self._probabilities(self._pooled(pixels, boxes, masks, disk_cache=self._segment_cache))
-        for segment_id, box, row in zip(segment_ids[suitable], boxes, rows, strict=True):
-            best_class = max(class_weights, key=lambda index: row[index])
-            score = _score(_total_probability(row, class_weights))
-            detections.append(Detection(box, score, self._vocabulary.name(best_class), int(segment_id)))
-        return detections
-
     def _pooled(
         self,
         pixels: Pixels,
-        boxes: list[Box],
+        boxes: Sequence[Box],
         masks: Sequence[Mask] | None,
         *,
         disk_cache: RowCache | None = None,
@@ -281,33 +261,13 @@ class OfflineVocabulary:
             torch.set_num_threads(threads)
 
 
-def _rows(described: Float32) -> Float32:
-    """Return the class probabilities of each crop and background, [2n, 1000], or [n, 1000] of boxes without masks."""
-    return described[:, : described.shape[1] // N_CLASSES * N_CLASSES].reshape(-1, N_CLASSES)
-
-
-def _total_probability(row: Float32, class_weights: dict[int, float]) -> float:
-    """Return the weighted sum of the class probabilities of one crop."""
-    return float(sum(row[index] * weight for index, weight in class_weights.items()))
-
-
-def _score(probability: float) -> float:
-    """Return a class probability as a score 0 to 1; a probability of `_MIDPOINT` gives 0.5.
+def _score(probability: Score) -> Score:
+    """Return class probabilities as scores 0 to 1; a probability of `_MIDPOINT` gives 0.5.
 
     The mapping makes one threshold suitable for easy and hard words. See docs/design_notes/grounding.md for the choice
     of the midpoint.
     """
     return probability / (probability + _MIDPOINT)
-
-
-def _as_box(box: Float64) -> Box:
-    return float(box[0]), float(box[1]), float(box[2]), float(box[3])
-
-
-def _box_of(mask: Mask) -> Box:
-    box = mask_box(mask)
-    assert box is not None, "a segment has at least one pixel"
-    return float(box[0]), float(box[1]), float(box[2]), float(box[3])
 
 
 def _crop(pixels: Pixels, box: Box, mask: Mask | None, dimmed: bool) -> Pixels:

@@ -82,7 +82,8 @@ class Vocabulary:
             words = ", ".join(word for word, _ in matches[:_MAX_NAMED])
             return PromptCheck(True, matches, f"{prompt.strip()!r} is searched for as: {words}.")
         matches = [(word, 1.0) for word in self._misspelt(prompt)]
-        if not matches:
+        misspelt = bool(matches)
+        if not misspelt:
             similarities = self._similarities(prompt)
             nearest = np.argsort(-similarities, kind="stable")[:_MAX_NAMED]
             near = [(self.name(int(i)), round(float(similarities[i]), 3)) for i in nearest]
@@ -96,6 +97,7 @@ class Vocabulary:
             False,
             matches,
             f"{unknown}; the nearest words are: {words}. Use one of them if it fits, or click on the object instead.",
+            misspelt,
         )
 
     def _misspelt(self, prompt: str) -> list[str]:

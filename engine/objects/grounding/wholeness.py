@@ -1,6 +1,8 @@
-"""How likely a picture shows one whole thing, neither a part nor several: a linear fit of the classifier's features.
+"""What the classifier's features are like in rooms: how likely they show one whole thing, and what they usually are.
 
-``whole_things.txt`` has the bias and the 2,560 weights; ``python -m benchmarks.rooms.wholeness`` fits them.
+``whole_things.txt`` has the bias and the 2,560 weights of a linear fit: one whole thing, neither a part nor several;
+``python -m benchmarks.rooms.wholeness`` makes it. ``usual_features.txt`` has the mean of their square roots over what
+may be objects; ``python -m benchmarks.rooms.taught_words --usual`` makes it.
 """
 
 from __future__ import annotations
@@ -13,10 +15,11 @@ import numpy as np
 from ...core.arrays import Float32
 from ...core.files import read_text
 
-__all__ = ["WEIGHTS_FILE", "whole_odds"]
+__all__ = ["USUAL_FILE", "WEIGHTS_FILE", "usual_features", "whole_odds"]
 
 
 WEIGHTS_FILE = Path(__file__).with_name("whole_things.txt")
+USUAL_FILE = Path(__file__).with_name("usual_features.txt")
 
 
 def whole_odds(features: Float32) -> Float32:
@@ -32,7 +35,17 @@ def whole_odds(features: Float32) -> Float32:
 
 
 @functools.cache
+def usual_features() -> Float32:
+    """Return the mean square roots of the features of what may be objects, [2560], laid out as in `whole_odds`."""
+    return _numbers(USUAL_FILE)
+
+
+@functools.cache
 def _fit() -> tuple[np.float32, Float32]:
-    lines = read_text(WEIGHTS_FILE, advice="Install the engine again.").splitlines()
-    values = np.array([line for line in lines if not line.startswith("#")], np.float32)
+    values = _numbers(WEIGHTS_FILE)
     return values[0], values[1:]
+
+
+def _numbers(file: Path) -> Float32:
+    lines = read_text(file, advice="Install the engine again.").splitlines()
+    return np.array([line for line in lines if not line.startswith("#")], np.float32)

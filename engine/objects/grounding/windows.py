@@ -1,4 +1,4 @@
-"""Find classes in a photo without segments, with windows of several sizes on the classifier's class map.
+"""Windows of several sizes in a photo without segments: squares, or those in which the classifier sees classes.
 
 The classifier's head averages over cells and applies a linear layer. The logits of any window are therefore the mean of
 its cells in the class map, and one pass of the network per size replaces about a thousand crops.
@@ -14,9 +14,10 @@ import torch
 from torch.nn import functional
 
 from ...core.arrays import Float32, Pixels
+from .crops import Box
 from .efficientnet import INPUT_SIDE, EfficientNetLite2
 
-__all__ = ["Window", "find_windows"]
+__all__ = ["Window", "find_windows", "square_windows"]
 
 # A window of this many cells covers about the area that the network saw in training (260 pixels are 8.1 cells).
 _WINDOW_CELLS = 7  # chosen on museum_room
@@ -27,6 +28,8 @@ _MAX_OVERLAP = 0.3  # chosen on museum_room
 _MAX_WINDOWS = 12  # chosen on museum_room
 # Cells of a window whose class map value is at least this fraction of the window's maximum belong to the object.
 _MIN_ACTIVATION = 0.35  # chosen on museum_room
+_SQUARES = (1, 2, 3, 5)
+"""Squares along the shorter side of a photo; the next begins in the middle of one."""
 
 
 @dataclass(frozen=True)
@@ -122,3 +125,13 @@ def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float,
     height = max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
     smaller = min((a[2] - a[0]) * (a[3] - a[1]), (b[2] - b[0]) * (b[3] - b[1]))
     return width * height / smaller if smaller > 0 else 0.0
+
+
+def square_windows(height: int, width: int) -> list[Box]:
+    """Return squares of several sizes that cover a photo."""
+    boxes = []
+    for count in _SQUARES:
+        side = min(height, width) / count
+        rows, columns = (np.arange(0, size - side + 1e-6, side / 2) for size in (height, width))
+        boxes += [(float(x), float(y), float(x + side), float(y + side)) for y in rows for x in columns]
+    return boxes

@@ -328,7 +328,7 @@ def _kind(iou: float, compared: Comparison, k: int) -> ResultKind:
 def _words(
     scene: TrainedScene, answers: Answers, truth: GroundTruth, photos: Sequence[str], should_stop: StopCheck
 ) -> tuple[Word, ...]:
-    """Return what the first result of every text shows."""
+    """Return what the first result of every text shows, and what a refused text is offered."""
     first = [(question, answer.found[0]) for (question, _), answer in answers.items() if answer.found]
     named = np.array(
         [[truth.prompts[name] == question.name for name in truth.objects] for question, _ in first], bool
@@ -343,6 +343,13 @@ def _words(
         should_stop=should_stop,
     )
     numbers = iter(range(len(first)))
+    refused = [(question, members) for (question, _), answer in answers.items() for members in answer.offered
+               if question.name in truth.prompts.values()]  # fmt: skip
+    offered = compare_with_all(
+        scene.new_scene(), scene.camera_of, [members for _, members in refused], truth, photos,
+        with_boundary=np.zeros((len(refused), len(truth.objects)), bool), should_stop=should_stop,
+    ).iou  # fmt: skip
+    offers = iter(range(len(refused)))
     words = []
     for (question, method), answer in answers.items():
         absent = question.name not in truth.prompts.values()
@@ -356,6 +363,8 @@ def _words(
             if not absent:
                 own = int(np.where(named[k], likeness, -1.0).argmax())
                 iou, boundary_iou = float(likeness[own]), float(compared.boundary_iou[k, own])
+        names_it = [truth.prompts[name] == question.name for name in truth.objects]
+        ious = [] if absent else [float(np.nan_to_num(offered[next(offers)])[names_it].max()) for _ in answer.offered]
         score = float(answer.scores[0]) if answer.found else answer.best_score
         words.append(
             Word(
@@ -370,6 +379,7 @@ def _words(
                 seconds=answer.seconds,
                 cpu_seconds=answer.cpu_seconds,
                 remark=answer.refusal,
+                offered_iou=max(ious, default=float("nan") if absent or answer.found else 0.0),
             )
         )
     return tuple(words)

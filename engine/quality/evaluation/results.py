@@ -90,6 +90,9 @@ class Word:
     seconds, cpu_seconds : float
     remark : str
         Reason why the word was refused.
+    offered_iou : float
+        Of a refused word, the highest mean IoU of what was offered as pictures with an object that the word names; NaN
+        for an absent word and one that was not refused.
     """
 
     prompt: str
@@ -103,11 +106,17 @@ class Word:
     seconds: float
     cpu_seconds: float
     remark: str = ""
+    offered_iou: float = float("nan")
 
     @property
     def found(self) -> bool:
         """Whether `iou` is at least `FOUND_IOU`."""
         return self.iou >= FOUND_IOU
+
+    @property
+    def is_offered(self) -> bool:
+        """Whether the word was refused and its object is among the pictures that it was answered with."""
+        return self.offered_iou >= FOUND_IOU
 
 
 @dataclass(frozen=True)

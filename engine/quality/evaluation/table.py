@@ -216,6 +216,12 @@ def _words(evaluation: Evaluation) -> str:
     lines = [f"| word | {' | '.join(presets)} |", f"| --- |{' --- |' * len(presets)}"]
     for prompt, asked in _by([word for word in words if not word.absent], lambda word: word.prompt).items():
         lines.append(f"| {_cell(prompt)} | {' | '.join(map(_word_cell, asked))} |")
+    refused = {preset: [word for word in words if word.method == preset and not word.absent and not word.n_results]
+               for preset in presets}  # fmt: skip
+    if any(refused.values()):
+        counts = (f"{preset} {sum(word.is_offered for word in asked)} of {len(asked)}"
+                  for preset, asked in refused.items() if asked)  # fmt: skip
+        lines += ["", f"Refused words whose object is among the pictures that are offered: {', '.join(counts)}."]
     absent = [word for word in words if word.absent]
     if absent:
         names = dict.fromkeys(_cell(word.prompt) for word in absent)

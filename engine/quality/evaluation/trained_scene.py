@@ -81,6 +81,8 @@ class Answer:
         Reason why there are no results.
     best_score : float
         Score of the best candidate of a text without results; NaN without one.
+    offered : tuple of bool arrays of shape [N]
+        The Gaussians of what a refused text is answered with as pictures, the best first.
     """
 
     found: tuple[Mask, ...]
@@ -90,6 +92,7 @@ class Answer:
     cpu_seconds: float
     refusal: str = ""
     best_score: float = float("nan")
+    offered: tuple[Mask, ...] = ()
 
 
 class TrainedScene:
@@ -161,6 +164,7 @@ class TrainedScene:
         """
         prompt = None if question.kind == "all" else self._prompt(question, truth)
         found, refusal, best_score = [], "", float("nan")
+        offered: tuple[Mask, ...] = ()
         started, started_cpu = time.perf_counter(), time.process_time()
         context = self._context(method, question.prompt_photo, should_stop)
         if prompt is None:
@@ -170,11 +174,13 @@ class TrainedScene:
                 found = find_objects(context, prompt)
             except PromptError as error:
                 refusal = str(error)
-                best_score = error.candidates[0].score if isinstance(error, NoMatchError) else best_score
+                if isinstance(error, NoMatchError) and error.candidates:
+                    best_score = error.candidates[0].score
+                    offered = tuple(one.members for one in error.candidates if one.members is not None)
         seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
         members, scores = tuple(one.members for one in found), tuple(one.score for one in found)
         names = tuple(one.name for one in found)
-        return Answer(members, scores, names, seconds, cpu_seconds, refusal, best_score)
+        return Answer(members, scores, names, seconds, cpu_seconds, refusal, best_score, offered)
 
     def photos(self, settings: SegmentSettings) -> Photos:
         """Return the photos at the size that the models get."""

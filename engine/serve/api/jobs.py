@@ -10,7 +10,8 @@ from pydantic import BaseModel, Field
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
-from ...project.refused_prompts import read_not_found
+from ...project.own_words import read_learning
+from ...project.refused_prompts import read_offer
 from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
 from ...workers.jobs import Click, any_word_arguments, click_arguments, refine_arguments, text_arguments
 from ..access import CurrentProject, CurrentUser, server_of
@@ -126,7 +127,8 @@ def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSett
         raise SettingsError("Give exactly one of prompt, clicks, find_all, background, accept, detail and any_word.")
     if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
         raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
-    return ["segment", str(project.project), *_prompt(project, wanted, settings), *_device(settings)]
+    own = [f"--own-words={project.own_words}"] if read_learning(project.project) else []
+    return ["segment", str(project.project), *_prompt(project, wanted, settings), *_device(settings), *own]
 
 
 def _device(settings: ServeSettings) -> list[str]:
@@ -158,11 +160,9 @@ def _prompt(project: WebProject, wanted: Segmentation, settings: ServeSettings) 
 
 
 def _any_word(project: WebProject, settings: ServeSettings) -> list[str]:
-    not_found = read_not_found(project.project)
-    offer = None if not_found is None else describe_offer(not_found.offer, settings)
-    if not_found is None or offer is None:
-        raise PromptError("No word was refused for which another model is offered. Ask for a word first.")
-    if offer["refusal"]:
+    not_found = read_offer(project.project)
+    offer = describe_offer(not_found.offer, settings)
+    if offer is not None and offer["refusal"]:
         raise HTTPException(403, offer["refusal"])
     return any_word_arguments([one.text for one in not_found.refusals], not_found.offer)
 

@@ -9,8 +9,11 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
+from ...core.errors import ProjectError
+from ...project.folder import ProjectFolder
+from ...project.own_words import set_learning
 from ..access import CurrentProject, CurrentUser, server_of
-from ..contents import describe_project, summarise_project
+from ..contents import describe_project, has_scene, summarise_project
 from ..reports import report_response
 from ..texts import Line
 
@@ -23,6 +26,12 @@ class Title(BaseModel):
     """The user's name for a project."""
 
     title: Line = Field(min_length=1, max_length=300, pattern=r"\S")
+
+
+class Learning(BaseModel):
+    """Whether a project teaches and uses the words of its user's own objects."""
+
+    learns: bool
 
 
 @router.get("")
@@ -52,6 +61,16 @@ def rename_project(title: Title, project: CurrentProject, request: Request) -> d
     """Give a project another title."""
     project.rename(title.title.strip())
     return summarise_project(server_of(request).queue, project)
+
+
+@router.put("/{project_id}/learning", status_code=204)
+def set_project_learning(wanted: Learning, project: CurrentProject, request: Request) -> None:
+    """Let a project teach and use the words of its user's own objects, or neither."""
+    if not has_scene(project):
+        raise ProjectError("The scene is not reconstructed yet.")
+    with ProjectFolder.open_existing(project.project) as opened:
+        set_learning(opened, wanted.learns)
+    server_of(request).feeds.publish(project.folder, "objects")
 
 
 @router.delete("/{project_id}", status_code=204)

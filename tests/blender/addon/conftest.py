@@ -169,6 +169,8 @@ class FakeLayout:
         Names of the properties drawn.
     buttons : list of (str, dict)
         Operators, and the options their buttons set.
+    icons : dict of str to str
+        Icon of each operator.
     calls : list of str
         Names of what was drawn, in order; of labels with their text.
     """
@@ -177,6 +179,7 @@ class FakeLayout:
         self.texts: list[str] = []
         self.props: list[str] = []
         self.calls: list[str] = []
+        self.icons: dict[str, str] = {}
         self._buttons: list[tuple[str, SimpleNamespace]] = []
 
     @property
@@ -202,6 +205,7 @@ class FakeLayout:
                 assert arguments[1] in arguments[0].bl_rna.properties, arguments[1]
                 self.props.append(arguments[1])
             if method == "operator":
+                self.icons[arguments[0]] = icon
                 return self._operator(arguments[0])
             return self
 

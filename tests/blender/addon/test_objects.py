@@ -69,7 +69,7 @@ say("finished", message="Isolated drum (0.80), bust (0.80).", outputs={"objects"
     # The best one is selected, not the first by name.
     assert bpy.data.objects[bpy.context.scene.heritage.active] == isolated()["drum"]
     panel = draw("HERITAGE_PT_objects")
-    assert {"Nothing looks enough like 'banana'.", "banana?", "Looks a little like it"} <= set(panel.texts)
+    assert {"Nothing looks enough like 'banana'.", "banana?", "This One"} <= set(panel.texts)
     assert panel.button("accept_candidate") == {"number": 2}
 
 
@@ -94,7 +94,7 @@ def test_candidates_are_listed_until_one_is_accepted_or_the_list_is_closed(
     fake_engine(PROJECT + CANDIDATES + error)
     with pytest.raises(RuntimeError, match="Nothing looks enough like 'banana'"):
         bpy.ops.heritage.isolate(prompt="banana")
-    assert "Closest matches:" in draw("HERITAGE_PT_objects").texts
+    assert "Is it one of these?" in draw("HERITAGE_PT_objects").texts
 
     arguments = fake_engine(
         PROJECT
@@ -106,7 +106,7 @@ def test_candidates_are_listed_until_one_is_accepted_or_the_list_is_closed(
     assert rows(isolated()["banana"]) == [97, 98, 99]
 
     assert bpy.ops.heritage.dismiss_candidates() == {"FINISHED"}
-    assert "Closest matches:" not in draw("HERITAGE_PT_objects").texts
+    assert "Is it one of these?" not in draw("HERITAGE_PT_objects").texts
 
 
 def test_clicks_on_several_photos_are_one_object(opened: Any, fake_engine: StandIn) -> None:
@@ -514,6 +514,27 @@ def test_candidate_that_exists_is_offered_as_that_object(opened: Any, draw: Draw
     # One that is not in this file can only be isolated.
     write_refusal(opened, object="gone")
     assert draw("HERITAGE_PT_objects").button("accept_candidate") == {"number": 1}
+
+
+def test_project_learns_words_after_one_press_and_stops_after_the_next(opened: Any, draw: Draw) -> None:
+    assert draw("HERITAGE_PT_objects").icons["heritage.learn_words"] == "CHECKBOX_DEHLT"
+    for learns in (True, False):
+        assert bpy.ops.heritage.learn_words() == {"FINISHED"}
+        assert json.loads((opened.folder / "project.json").read_text())["learns_words"] is learns
+    bpy.ops.heritage.learn_words()
+    assert draw("HERITAGE_PT_objects").icons["heritage.learn_words"] == "CHECKBOX_HLT"
+
+
+def test_pictures_of_what_a_word_may_mean_stand_below_it_with_a_button_each(opened: Any, draw: Draw) -> None:
+    write_refusal(opened)
+    stored = json.loads((opened.folder / "objects" / "candidates.json").read_text())
+    (one,) = stored["candidates"]
+    stored["candidates"] = [{**one, "number": number, "text": text} for number, text in enumerate("aab", 1)]
+    (opened.folder / "objects" / "candidates.json").write_text(json.dumps(stored))
+    panel = draw("HERITAGE_PT_objects")
+    accepted = [values["number"] for name, values in panel.buttons if name == "heritage.accept_candidate"]
+    assert accepted == [1, 2, 3] and panel.texts.index("a?") < panel.texts.index("b?")
+    assert panel.texts.count("a?") == panel.texts.count("b?") == 1
 
 
 def test_list_of_objects_stays_in_view_when_candidates_appear(opened: Any, draw: Draw) -> None:

@@ -72,11 +72,13 @@ class FakeCheck:
     known: bool
     matches: list[tuple[str, float]]
     message: str
+    misspelt: bool = False
 
 
 class FakeDetector:
     """Finds parts by their names in `PART_NAMES`; in `wrong` photos it returns the other parts with higher scores."""
 
+    fingerprint = "fake 1"
     fitted = True
 
     def __init__(self, scene: BlobScene, *, wrong: tuple[str, ...] = ()) -> None:
@@ -112,8 +114,19 @@ class FakeDetector:
         meant = [part for part, name in PART_NAMES.items() if name == prompt]
         return [float(row[meant].max(initial=0.0)) for row in described]
 
+    def example_vectors(self, described):  # type: ignore[no-untyped-def]
+        return described
+
+    def score_examples(self, described, means):  # type: ignore[no-untyped-def]
+        """Return the cosine of each description with the mean of each word."""
+        lengths = np.linalg.norm(described, axis=1)[:, None] * np.linalg.norm(means, axis=1)
+        return described @ means.T / np.maximum(lengths, 1e-6)
+
     def whole_odds(self, described):  # type: ignore[no-untyped-def]
         return np.zeros(len(described), np.float32)
+
+    def fitting_word(self, described, prompt):  # type: ignore[no-untyped-def]
+        return ""
 
     def name_descriptions(self, described):  # type: ignore[no-untyped-def]
         """Return the name of the part that the descriptions fit best, with their mean IoU as the score."""

@@ -112,7 +112,7 @@ def test_unsure_names_are_numbers_and_the_background_is_the_rest(blobs: BlobScen
     unsure = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs))
     made, kept, background = unsure.segment_everything()
     assert sorted(record.name for record in made) == ["object 1", "object 2", "object 3"] and not kept
-    assert all(record.prompt == {"kind": "all"} and record.score == 0.0 for record in made)
+    assert all(record.prompt == {"kind": "all", "name": record.name} and record.score == 0.0 for record in made)
     assert background.id == "background"
     assert all(load_detailed(project.path, record.id) is None for record in made)
     assert load_detailed(project.path, "background") is None

@@ -218,3 +218,45 @@ def test_a_vocabulary_of_few_words_accepts_nothing(blobs: BlobScene) -> None:
             return super().score_vocabulary(described)[:, :18]
 
     assert _random_looks().described_scores("shown", Few(1.0)).max() == 0
+
+
+class Axes:
+    """Scores a description for each word by its value at the word's axis."""
+
+    fitted = True
+
+    def score_examples(self, described, means):  # type: ignore[no-untyped-def]
+        return described @ means.T
+
+
+def _axis_scores(described: list[list[float]], n_others: int) -> np.ndarray:
+    """Return the scores of two proposals for axis 0, beside that many words on axis 1."""
+    rows = np.array(described, np.float32)
+    count = len(rows)
+    looks = Looks(
+        np.eye(count, dtype=bool), np.zeros(count, np.float32), np.arange(count, dtype=np.int32),
+        np.arange(count, dtype=np.int32), ("a",) * count, np.zeros((count, 2, 2), np.float32), rows,
+    )  # fmt: skip
+    others = np.tile(np.array([[0, 1]], np.float32), (n_others, 1))
+    return looks.scores_of_examples(np.array([[1, 0]], np.float32), others, Axes())  # type: ignore[arg-type]
+
+
+def test_what_looks_more_like_another_taught_word_is_that() -> None:
+    described = [[0.7, 0.9], [0.6, 0.01]]
+    alone, beside = _axis_scores(described, 0), _axis_scores(described, 1)
+    assert alone[0] > alone[1] and beside[0] < 0.5 * alone[0]
+    assert beside[1] > alone[1], "what is no other word either becomes surer"
+
+
+def test_each_further_word_makes_the_others_surer() -> None:
+    few, many = (_axis_scores([[0.6, 0.01]], count)[0] for count in (1, 40))
+    assert few < many
+
+
+def test_proposal_that_no_photo_shows_is_no_taught_word() -> None:
+    looks = Looks(
+        np.eye(2, dtype=bool), np.zeros(2, np.float32), np.arange(2, dtype=np.int32), np.zeros(1, np.int32), ("a",),
+        np.zeros((1, 2, 2), np.float32), np.array([[0.8, 0.9]], np.float32),
+    )  # fmt: skip
+    scores = looks.scores_of_examples(np.array([[1, 0]], np.float32), np.array([[0, 1]], np.float32), Axes())  # type: ignore[arg-type]
+    assert scores[1] == 0 and np.isfinite(scores).all()

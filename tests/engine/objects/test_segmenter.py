@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -140,12 +141,40 @@ def test_texts_are_stored_one_after_the_other_and_those_found_before_are_skipped
     assert list(sequence) == []
 
 
-def test_text_that_finds_nothing_stores_only_the_reason(blobs: BlobScene, project: ProjectFolder) -> None:
-    with pytest.raises(PromptError, match="'ghost' was not found"):
-        segmenter_of(project, blobs, SMALL).segment_texts(["ghost"], None)
+@pytest.mark.parametrize(("text", "said"), [("ghost", "'ghost' was not found"), ("astrolabe", "is not known")])
+def test_text_that_is_unknown_or_like_nothing_is_answered_by_the_likeliest_objects(
+    text: str, said: str, blobs: BlobScene, project: ProjectFolder
+) -> None:
+    with pytest.raises(PromptError, match=said):
+        segmenter_of(project, blobs, SMALL).segment_texts([text], None)
     assert list_objects(project.path) == []
-    known = json.loads((project.path / CANDIDATES).read_text(encoding="utf-8"))
-    assert [entry["text"] for entry in known["refused"]] == ["ghost"] and known["candidates"] == []
+    known = stored(project)
+    assert [entry["text"] for entry in known["refused"]] == [text]  # type: ignore[attr-defined]
+    shown = parts_shown(blobs, known["candidates"])  # type: ignore[arg-type]
+    assert {RED, TWIN, BLUE} <= set(shown) and len(shown) <= 8
+    assert {entry["score"] for entry in known["candidates"]} == {0}  # type: ignore[attr-defined]
+
+
+def test_misspelt_text_is_answered_at_once_without_looking_at_the_scene(
+    blobs: BlobScene, project: ProjectFolder
+) -> None:
+    class Misspelt(FakeDetector):
+        def check_prompt(self, prompt: str) -> PromptCheck:
+            return PromptCheck(False, [("ball", 1.0)], f"{prompt!r} is not known.", misspelt=True)
+
+    with pytest.raises(PromptError, match="is not known"):
+        segmenter_of(project, blobs, SMALL, detector_factory=lambda: Misspelt(blobs)).segment_texts(["bal"], None)
+    assert stored(project)["candidates"] == [] and not (project.path / "groups").exists()
+
+
+def parts_shown(blobs: BlobScene, candidates: list[dict[str, Any]]) -> list[int]:
+    """Return the true part at the place of each candidate, which lies in its box, after looking at its picture."""
+    parts = []
+    for entry in candidates:
+        x, y, (x0, y0, x1, y1) = entry["x"], entry["y"], entry["box"]
+        assert x0 < x < x1 and y0 < y < y1
+        parts.append(int(blobs.labels[entry["photo"]][int(y), int(x)]))
+    return parts
 
 
 class Unsure(FakeDetector):
@@ -155,27 +184,24 @@ class Unsure(FakeDetector):
         return [0.05 * score for score in super().score_descriptions(described, prompt)]
 
 
-def refuse(blobs: BlobScene, project: ProjectFolder) -> list[dict[str, object]]:
+def refuse(blobs: BlobScene, project: ProjectFolder) -> list[dict[str, Any]]:
     with pytest.raises(PromptError, match="looks enough like"):
         segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs)).segment_texts(["red ball"], None)
-    candidates: list[dict[str, object]] = json.loads((project.path / CANDIDATES).read_text())["candidates"]
+    candidates: list[dict[str, Any]] = json.loads((project.path / CANDIDATES).read_text())["candidates"]
     return candidates
 
 
 def test_refused_text_leaves_ranked_candidates_to_click_on(blobs: BlobScene, project: ProjectFolder) -> None:
     candidates = refuse(blobs, project)
     assert list_objects(project.path) == []
-    assert [entry["number"] for entry in candidates] == [1, 2]
+    assert [entry["number"] for entry in candidates] == list(range(1, 1 + len(candidates)))
     scores = [entry["score"] for entry in candidates]
-    assert scores == sorted(scores, reverse=True) and scores[-1] > 0 and scores[0] < SMALL.least_score  # type: ignore[operator]
-    parts = set()
+    assert scores == sorted(scores, reverse=True) and 0 < scores[0] < SMALL.least_score
+    parts = parts_shown(blobs, candidates)
+    assert set(parts[:2]) == {RED, TWIN} and len(set(parts)) == len(parts), "each object once, the likeliest first"
     for entry in candidates:
-        x, y, (x0, y0, x1, y1) = entry["x"], entry["y"], entry["box"]  # type: ignore[misc]
-        assert x0 < x < x1 and y0 < y < y1  # type: ignore[operator]
-        parts.add(int(blobs.labels[entry["photo"]][int(y), int(x)]))  # type: ignore[index, arg-type]
-        with Image.open(project.path / str(entry["picture"])) as picture:
+        with Image.open(project.path / entry["picture"]) as picture:
             assert picture.mode == "RGB" and max(picture.size) <= 256
-    assert parts == {RED, TWIN}
 
 
 def test_accepted_candidate_becomes_an_object(blobs: BlobScene, project: ProjectFolder) -> None:
@@ -184,8 +210,62 @@ def test_accepted_candidate_becomes_an_object(blobs: BlobScene, project: Project
     (record,) = unsure.accept_candidate(2, None)
     assert record.name == "red ball" and record.prompt["accepted"] is True
     assert max(overlap(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
-    with pytest.raises(PromptError, match=r"no candidate 7\. Known: 1 \(red ball\), 2 \(red ball\)"):
-        load_candidate(project.path, 7)
+    with pytest.raises(PromptError, match=r"no candidate 9\. Known: 1 \(red ball\), 2 \(red ball\)"):
+        load_candidate(project.path, 9)
+
+
+def test_word_that_another_one_excludes_asks_back(blobs: BlobScene, project: ProjectFolder) -> None:
+    class Knowing(FakeDetector):
+        def check_prompt(self, prompt: str) -> PromptCheck:
+            return PromptCheck(True, [], "")
+
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return super().score_descriptions(described, "blue ball" if prompt == "bell" else prompt)
+
+        def fitting_word(self, described, prompt):  # type: ignore[no-untyped-def]
+            return "blue ball" if prompt == "bell" else ""
+
+    asking = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Knowing(blobs))
+    with pytest.raises(PromptError, match="What looks most like 'bell' looks more like 'blue ball'. Ask for that"):
+        asking.segment_texts(["bell"], None)
+    (refusal,) = stored(project)["refused"]  # type: ignore[misc]
+    assert refusal["suggestions"] == ["blue ball"] and list_objects(project.path) == []
+    assert parts_shown(blobs, stored(project)["candidates"])[0] == BLUE  # type: ignore[arg-type]
+    assert len(asking.segment_texts(["blue ball"], None)[0]) == 1
+
+
+def test_accepting_loads_no_model(blobs: BlobScene, project: ProjectFolder) -> None:
+    def none() -> Any:
+        raise AssertionError("a model was loaded")
+
+    refuse(blobs, project)
+    segmenter = segmenter_of(project, blobs, SMALL, detector_factory=none, sam_factory=none)
+    (record,) = segmenter.accept_candidate(1, "Kugel")
+    assert record.name == "Kugel" and record.prompt["detector"] == "fake" and len(record.levels) != 1
+
+
+def test_accepting_a_picture_of_a_stored_object_stores_no_second_one(blobs: BlobScene, project: ProjectFolder) -> None:
+    (known,) = segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], "Kugel")[0]
+    refuse(blobs, project)
+    events: list[Event] = []
+    numbers = [one["number"] for one in stored(project)["candidates"] if one["object"] == known.id]  # type: ignore[attr-defined]
+    (same,) = segmenter_of(project, blobs, SMALL, emit=events.append).accept_candidate(numbers[0], None)
+    assert same.id == known.id and [one.id for one in list_objects(project.path)] == [known.id]
+    assert [one.message for one in events if isinstance(one, Warned)] == [
+        "This is 'Kugel', which exists already, so no second object was stored."
+    ]
+
+
+def test_candidate_of_another_scene_is_not_accepted(blobs: BlobScene, project: ProjectFolder) -> None:
+    refuse(blobs, project)
+    gaussians = blobs.gaussians
+    fewer = {name: value[1:] for name, value in vars(gaussians).items() if isinstance(value, np.ndarray)}
+    save_gaussians(project.path / "gaussians", replace(gaussians, **fewer))
+    with pytest.raises(PromptError, match="The scene has changed since this candidate was offered"):
+        segmenter_of(project, blobs, SMALL).accept_candidate(1, None)
+    (project.path / "objects" / "_candidates" / "1.npy").write_bytes(b"damaged")
+    with pytest.raises(FormatError, match=r"1\.npy.*Ask for the text again"):
+        load_candidate(project.path, 1)
 
 
 def test_candidates_are_those_of_the_last_texts(blobs: BlobScene, project: ProjectFolder) -> None:

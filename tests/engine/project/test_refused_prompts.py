@@ -55,6 +55,15 @@ def test_model_that_knows_more_words_is_offered_where_a_text_was_refused_by_the_
     write(tmp_path, {**STORED, "refused": refused})
     found = candidates.read_not_found(tmp_path)
     assert found.offer == "clip-vit-b-32" and [one.offer for one in found.refusals] == ["", "clip-vit-b-32"]
+    assert candidates.read_offer(tmp_path) == found
+
+
+@pytest.mark.parametrize("stored", [None, STORED])
+def test_asking_again_without_an_offer_says_to_ask_for_a_word_first(stored: Any, tmp_path: Path) -> None:
+    if stored is not None:
+        write(tmp_path, stored)
+    with pytest.raises(errors.PromptError, match="No word was refused for which another model is offered"):
+        candidates.read_offer(tmp_path)
 
 
 @pytest.mark.parametrize("picture", ["/etc/passwd", "../../secret.png", ""])

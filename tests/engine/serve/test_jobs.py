@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from engine.install.models import find_model_files
+from engine.project.folder import ProjectFolder
 from engine.project.objects import ObjectRecord, write_record
 from engine.serve import Accounts
 from engine.serve.feeds import Feeds
@@ -377,6 +378,24 @@ def test_owner_decides_whether_users_have_a_model_fetched(
         (tmp_path / "cache" / "models" / file.file).touch()
     assert offer()["stored"] and not offer()["refusal"]
     assert client.http.post(jobs, json=wanted).status_code == 202
+
+
+def test_project_that_learns_gets_the_vocabulary_of_its_user_alone(client: Client, project: str) -> None:
+    address, folder = f"{API}/projects/{project}", client.folder(project) / "project"
+    assert client.http.put(f"{address}/learning", json={"learns": True}).status_code == 409
+    ProjectFolder.create(folder)
+    (folder / "gaussians").mkdir()
+    (folder / "gaussians" / "scene.ply").touch()
+    assert client.http.get(address).json()["learns"] is False
+    asked = []
+    for learns in (False, True, False):
+        assert client.http.put(f"{address}/learning", json={"learns": learns}).status_code == 204
+        assert client.http.get(address).json()["learns"] is learns
+        client.http.post(f"{address}/jobs", json={"kind": "segment", "find_all": True})
+        client.wait_for_job(project, "finished")
+        asked.append(json.loads((folder / "words.json").read_text())[2:-1])
+    own = client.folder(project).parent.parent / "own_words.json"
+    assert asked == [["--all"], ["--all", f"--own-words={own}"], ["--all"]]
 
 
 def test_server_that_is_told_what_to_render_on_tells_the_engine(client: Client, project: str) -> None:

@@ -92,6 +92,7 @@ export const listDeletedProjects = () => request("GET", address("trash"));
 export const restoreProject = (item) => request("POST", address("trash", item, "restore"));
 export const emptyTrash = () => request("DELETE", address("trash"));
 
+export const setLearning = (id, learns) => request("PUT", address("projects", id, "learning"), { learns });
 export const startJob = (id, job) => request("POST", address("projects", id, "jobs"), job);
 export const stopJob = (id, job) => request("DELETE", address("projects", id, "jobs", job));
 export const continueJob = (id, job) => request("POST", address("projects", id, "jobs", job, "continue"));

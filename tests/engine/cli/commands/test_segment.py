@@ -20,7 +20,7 @@ from engine.rasterizer.gpu import Gpu
 from engine.training.scene_files import save_gaussians
 from tests.engine.command_line import call
 from tests.engine.install.models.weights import fetched
-from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.objects.fakes import FakeCheck, FakeDetector, FakeSam, trained_project
 from tests.engine.objects.grounding import tiny_encoders
 from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 
@@ -182,7 +182,7 @@ def test_some_texts_are_found_and_some_refused(scene: Path, capsys: pytest.Captu
     assert (scene / outputs["candidates"]).is_file()
     assert [event["message"] for event in answer.of_kind("warning")] == [outputs["refused"]["ghost"]]
     assert call(capsys, "segment", scene, "--prompt", "ghost").code == 3
-    assert "no candidate 1" in call(capsys, "segment", scene, "--accept", "1").error
+    assert "no candidate 99" in call(capsys, "segment", scene, "--accept", "99").error
     assert "several texts" in call(capsys, "segment", scene, "--prompt", "a;b", "--name", "c").error
 
 
@@ -323,3 +323,38 @@ def test_left_and_right_are_those_of_the_view_that_is_given(
     for view in ("nowhere.jpg", '{"width": 3}'):
         assert call(capsys, "segment", scene, "--prompt", "left red ball", "--seen-from", view).error
     assert "requires --prompt" in call(capsys, "segment", scene, "--all", "--seen-from", "view_0.png").error
+
+
+@pytest.mark.usefixtures("knowing")
+def test_what_was_meant_and_what_is_shown_are_one_option_away(
+    scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check(self: FakeDetector, prompt: str) -> FakeCheck:
+        known = prompt == "blue ball"
+        return FakeCheck(known, [("blue ball", 1.0), ("red ball", 0.9)], "" if known else f"{prompt!r} is not known.")
+
+    monkeypatch.setattr(FakeDetector, "check_prompt", check)
+    assert "Ask for a text first" in call(capsys, "segment", scene, "--meant").error
+    refused = call(capsys, "segment", scene, "--prompt", "bleu ball").error
+    assert "With --meant in place of --prompt, 'blue ball' is asked for." in refused
+    assert f"pictures in {scene / 'objects' / '_candidates'}? --accept N" in refused
+    assert "suggestion 7 is known" in call(capsys, "segment", scene, "--meant", "7").error
+    assert "suggestion 0 is known" in call(capsys, "segment", scene, "--meant", "0").error
+    answer = call(capsys, "segment", scene, "--meant")
+    assert answer.of_kind("finished")[0]["outputs"]["objects"] == ["blue-ball"]
+
+
+@pytest.mark.usefixtures("knowing")
+def test_accepted_picture_teaches_its_word_in_a_scene_that_learns(
+    scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("GAUSSIAN_HERITAGE_CACHE", str(tmp_path / "cache"))
+    call(capsys, "vocabulary", "learn", scene)
+    assert call(capsys, "segment", scene, "--prompt", "astrolabe").code == 3
+    assert call(capsys, "segment", scene, "--accept", "1").code == 0
+    (listed,) = call(capsys, "vocabulary", "list").of_kind("finished")
+    assert listed["message"] == "astrolabe: 1 example (fake)"
+    found = call(capsys, "segment", scene, "--prompt", "Astrolabes").of_kind("finished")[0]["outputs"]
+    assert found["existing"] == ["astrolabe"]
+    call(capsys, "vocabulary", "stop", scene)
+    assert call(capsys, "segment", scene, "--prompt", "astrolabe").code == 3

@@ -68,6 +68,35 @@ def test_crop_is_described_on_white_and_before_a_blurred_surrounding_and_by_how_
         np.testing.assert_allclose(own, encoder.of_pictures([crop])[0], atol=1e-5)
 
 
+def test_boxes_and_masks_that_are_not_as_many_are_refused_by_each_detector_that_describes_crops(
+    any_word: AnyWord, detector: OfflineVocabulary, room: Room
+) -> None:
+    mask = room.labels == room.ids["vase"]
+    for one in (any_word, detector):
+        with pytest.raises(ValueError, match="2 boxes and 1 masks"):
+            one.score_crops(room.pixels, [mask_box(mask)] * 2, "vase", masks=[mask])
+        assert one.score_crops(room.pixels, [], "vase") == []
+
+
+def test_segments_that_are_nearly_the_whole_photo_or_a_speck_are_found_by_no_detector(
+    any_word: AnyWord, detector: OfflineVocabulary, room: Room
+) -> None:
+    labels = np.full(room.labels.shape, 1, np.int32)
+    labels[room.labels == room.ids["vase"]] = 2
+    labels[:2, :2] = 3
+    for one in (any_word, detector):
+        assert {found.region for found in one.detect(room.pixels, "vase", labels=labels)} == {2}
+
+
+def test_example_is_like_what_it_shows_and_needs_no_words(any_word: AnyWord) -> None:
+    described = np.hstack([_unit(5, seed=8), _unit(5, seed=9), np.zeros((5, 1))]).astype(np.float32)
+    means = any_word.example_vectors(described)[:2]
+    assert means.shape == (2, 2 * WIDTH)
+    scores = any_word.score_examples(described, means)
+    assert scores.argmax(axis=0).tolist() == [0, 1] and scores[[0, 1], [0, 1]].min() > 0.9
+    assert any_word.fingerprint and any_word.fingerprint != any_word._classifier.fingerprint
+
+
 def test_crop_keeps_the_object_sharp_in_a_square_and_blurs_what_is_around_it(room: Room) -> None:
     mask = room.labels == room.ids["teapot"]
     x0, y0, x1, y1 = mask_box(mask)

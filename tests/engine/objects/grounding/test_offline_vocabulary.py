@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import ModelFileError, PromptError
+from engine.masks import mask_box
 from engine.objects.grounding.detector import Detector
 from engine.objects.grounding.offline_vocabulary import OfflineVocabulary
 from tests.engine.objects.grounding.conftest import Room
@@ -67,6 +68,29 @@ def test_scores_of_descriptions_equal_scores_of_crops(detector: OfflineVocabular
         np.testing.assert_allclose(detector.score_descriptions(described, word), scores, atol=1e-6)
     with pytest.raises(PromptError, match="outside"):
         detector.score_descriptions(described, "sarcophagus")
+
+
+def test_example_is_like_what_it_shows_also_where_nothing_else_is_seen(detector: OfflineVocabulary, room: Room) -> None:
+    names = ["mask", "teapot", "hourglass"]
+    masks = [room.labels == room.ids[name] for name in names]
+    described = detector.describe_crops(room.pixels, [mask_box(mask) for mask in masks], masks)
+    means = detector.example_vectors(described)
+    scores = detector.score_examples(described, means)
+    assert scores.shape == (3, 3) and (scores.diagonal() > 0.9).all()
+    assert scores[~np.eye(3, dtype=bool)].max() < 0.2
+    # Of a scene of one object, all crops are alike, and still like it and nothing else.
+    alone = detector.score_examples(np.repeat(described[1:2], 4, axis=0), means)
+    assert (alone.argmax(axis=1) == 1).all() and alone[:, 1].min() > 0.9 and alone[:, [0, 2]].max() < 0.5
+    assert detector.score_examples(described[:0], means).shape == (0, 3)
+
+
+def test_clear_exhibit_excludes_other_words_and_not_its_own(detector: OfflineVocabulary, room: Room) -> None:
+    mask = room.labels == room.ids["teapot"]
+    described = detector.describe_crops(room.pixels, [mask_box(mask)], [mask])
+    assert detector.fitting_word(described, "teapot") == ""
+    assert detector.fitting_word(described, "accordion") == "teapot"
+    flat = np.zeros_like(described)
+    assert detector.fitting_word(flat, "accordion") == "", "nothing is probable, so nothing excludes a word"
 
 
 def test_nothing_is_found_on_a_plain_wall(detector: OfflineVocabulary) -> None:

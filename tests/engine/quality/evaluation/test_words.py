@@ -101,6 +101,8 @@ def test_refused_word_counts_0(evaluate, blobs: BlobScene, tmp_path: Path) -> No
     (figures,) = summarise(found)
     assert (figures.n_found, figures.n_asked) == (1, 2)
     assert figures.iou == pytest.approx(max(word.iou for word in found.words) / 2)
+    assert ghost.is_offered and ghost.offered_iou > 0.9
+    assert "Refused words whose object is among the pictures that are offered: better 1 of 1." in markdown(found)
 
 
 def test_absent_things_are_not_asked_for_when_objects_are_chosen(evaluate, blobs: BlobScene, tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 // Isolation of objects by words, clicks or all at once, and the list of objects.
-import { startJob } from "../api.js";
+import { setLearning, startJob } from "../api.js";
 import { announce, confirmed, during, field, h, notify, put, refill, setText, show } from "../dom.js";
 import { createObjectCard } from "./object_card.js";
 import { megabytes } from "../format.js";
@@ -33,12 +33,16 @@ export function createObjects(context, { stage, clicks }) {
   const list = h("ul", { class: "objects", "aria-label": "Objects" });
   const dim = h("input", { type: "checkbox", onchange: () => stage.looks.setDim(dim.checked).catch((error) => notify(error.message)) });
   const dimming = h("label", { class: "check", hidden: true }, dim, "Dim what is not lit");
+  const learn = h("input", { type: "checkbox", onchange: () => learnWords() });
+  const learning = h("label", { class: "check" }, learn, "Learn my words");
+  learning.title = "Objects that you name, click or accept teach their words, which this and your other learning projects then find";
   const element = h(
     "div",
     { class: "card panel" },
     h("h2", null, "Objects"),
     form,
     h("div", { class: "row" }, click, findAll, rest, details),
+    learning,
     progress.element,
     told,
     refused,
@@ -65,6 +69,15 @@ export function createObjects(context, { stage, clicks }) {
     await context.refresh();
   }
 
+  async function learnWords() {
+    try {
+      await setLearning(id, learn.checked);
+    } catch (error) {
+      learn.checked = !learn.checked;
+      notify(error.message);
+    }
+  }
+
   async function isolateWords() {
     await run({ prompt: words.value.trim() });
     words.value = "";
@@ -80,6 +93,7 @@ export function createObjects(context, { stage, clicks }) {
     show(told, isDone && Boolean(told.textContent));
     updateRefused(isActive(project.job) ? null : project.not_found, project.objects);
     show(none, project.objects.length === 0);
+    learn.checked = project.learns;
     const present = new Set(project.objects.map((object) => object.id));
     for (const [key, card] of cards) {
       if (present.has(key)) continue;

@@ -1,0 +1,80 @@
+"""Which proposals answer a word, by their scores for it, and which are offered where it is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import expit, logit
+
+from ..core.arrays import Float64
+from .lifting import is_same
+from .looks import Looks
+from .proposals import LEAST_PROBABILITY, apart
+from .settings import SegmentSettings
+
+__all__ = ["N_OFFERED", "answers_of", "offers_of"]
+
+N_OFFERED = 8
+"""Objects that a refused text is answered with, as pictures."""
+
+_NEAR_ODDS = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Of versions of an object whose log-odds for a word differ by at most this, the likeliest whole one is offered."""
+
+_LEAST_SCORE = 1e-9
+"""Scores are clipped to this and to one minus this: finite log-odds."""
+
+
+def answers_of(looks: Looks, scores: Float64, settings: SegmentSettings) -> list[tuple[int, float]]:
+    """Return the proposals that a word names, each with the score of the object, the best first; empty for none.
+
+    Parameters
+    ----------
+    looks : Looks
+    scores : array of shape [K], float64
+        Of the proposals for the word.
+    settings : SegmentSettings
+    """
+    members = looks.members
+    # The best first, without versions of better ones.
+    different: list[int] = []
+    for number in np.argsort(-scores, kind="stable"):
+        same = (is_same(members[number], members[k]) for k in different)
+        if len(different) < settings.max_objects and not any(same):
+            different.append(int(number))
+    least = max(settings.least_score, settings.relative_score * float(scores.max(initial=0)))
+    wanted, found = [number for number in different if scores[number] >= least], []
+    for number in wanted:
+        # Of its versions that score nearly as much, the likeliest whole object; none that is also another answer.
+        near = np.flatnonzero(scores >= settings.relative_score * scores[number])
+        versions = [k for k in near if [one for one in wanted if is_same(members[k], members[one])] == [number]]
+        found.append((int(max(versions, key=lambda k: float(looks.odds[k]))), float(scores[number])))
+    return found
+
+
+def offers_of(looks: Looks, scores: Float64 | None) -> list[int]:
+    """Return the whole objects of a scene that a refused word may mean, at most `N_OFFERED`, the best first.
+
+    Parameters
+    ----------
+    looks : Looks
+    scores : array of shape [K], float64, or None
+        Of the proposals for the word; None where nothing is known of it: the likeliest objects come first then.
+    """
+    seen = np.isin(looks.like, looks.proposal)
+    if scores is None:
+        likely = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
+        return [number for number in likely if seen[number]][:N_OFFERED]
+    odds = logit(np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE))
+    found: list[int] = []
+
+    def is_offered(number: int) -> bool:
+        return any(is_same(looks.members[number], looks.members[other]) for other in found)
+
+    for number in map(int, np.argsort(-scores, kind="stable")):
+        if not seen[number] or is_offered(number):
+            continue
+        near = np.flatnonzero(seen & (odds >= odds[number] - _NEAR_ODDS))
+        versions = [k for k in near if is_same(looks.members[k], looks.members[number]) and not is_offered(int(k))]
+        found.append(int(max(versions, key=lambda k: float(looks.odds[k]))))
+        if len(found) == N_OFFERED:
+            break
+    return found

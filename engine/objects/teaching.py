@@ -1,0 +1,87 @@
+"""Objects that teach words: in a project that learns, each object that the user named or accepted is one example.
+
+What is kept of it, in the user's own vocabulary, are the mean descriptions of its crops; see docs/any_word.md.
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+
+from ..core.words import normalised
+from ..project.folder import ProjectFolder, stage_key
+from ..project.objects import ObjectRecord, list_objects, membership_in
+from ..project.own_words import Example, OwnWords, same_word
+from .context import SegmentationContext
+from .known_objects import BACKGROUND
+from .looks import describe_members
+from .spatial import parse_spatial
+
+__all__ = ["learn", "taught_word"]
+
+_UNNAMED = "object"
+"""Name of an object that was clicked, boxed or painted and not named, see `engine.cli.commands.segment`."""
+_NUMBER = re.compile(r"[\s-]+\d+$")
+"""What `new_name` adds to the second object of a name."""
+
+
+def taught_word(record: ObjectRecord) -> str:
+    """Return the word that an object teaches; empty for one whose name the user neither gave nor accepted.
+
+    What a word found by itself teaches nothing, and so does a name that was only suggested: mistakes would teach more
+    mistakes. Once it was renamed, its new name is the user's.
+    """
+    name, prompt = _NUMBER.sub("", record.name).strip(), record.prompt
+    kind = prompt.get("kind")
+    given = {"text": prompt.get("text"), "all": prompt.get("name")}.get(str(kind), _UNNAMED)
+    if kind == "text" and prompt.get("accepted"):
+        given = ""
+    if kind == BACKGROUND or not isinstance(given, str) or same_word(name, given) or same_word(name, _UNNAMED):
+        return ""
+    # "The left vase" is a vase.
+    word = parse_spatial(name).noun
+    return word if normalised(word) else ""
+
+
+def learn(project: ProjectFolder, own: OwnWords, context: SegmentationContext) -> list[str]:
+    """Teach what the objects of a project have to teach and did not teach yet, and return these words.
+
+    Objects that were changed or renamed since teach anew, in the place of what they taught.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    own : OwnWords
+    context : SegmentationContext
+        Its detector describes the objects. One that describes no crops learns nothing.
+
+    Raises
+    ------
+    FormatError
+        When an object or the vocabulary is damaged.
+    PromptError, DiskError, ProjectInUse
+        As of `OwnWords.add`.
+    Cancelled
+        When the user stops.
+    """
+    wanted = {record.id: word for record in list_objects(project.path) if (word := taught_word(record))}
+    if not wanted or not (fingerprint := context.detector.fingerprint):
+        return []
+    known = {one.source: (one.word, one.state) for one in own.examples(fingerprint)}
+    scene, found = project.recorded_outputs("training"), []
+    for record in list_objects(project.path):
+        if record.id not in wanted or record.n_scene_gaussians != len(context.means):
+            continue
+        source = stage_key(scene, record.id)[:32]
+        state = stage_key(record.created, record.n_gaussians, record.threshold, record.level, list(record.refined))[:32]
+        if known.get(source) == (wanted[record.id], state):
+            continue
+        members = membership_in(project.path, record, len(context.means)) >= record.threshold
+        rows = context.detector.example_vectors(describe_members(members, context))
+        if len(rows):
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            vector = rows.mean(axis=0)
+            found.append(Example(wanted[record.id], source, state, context.detector.name, fingerprint, now, vector))
+    if found:
+        own.add(found)
+    return list(dict.fromkeys(one.word for one in found))

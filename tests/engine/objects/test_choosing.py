@@ -1,0 +1,34 @@
+"""Which objects a refused word is answered with: at most eight, each once, as the likeliest whole one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.objects.choosing import N_OFFERED, offers_of
+from engine.objects.looks import Looks
+
+
+def looks_of(members: np.ndarray, odds: list[float], seen: list[int]) -> Looks:
+    count = len(members)
+    return Looks(
+        members, np.array(odds, np.float32), np.arange(count, dtype=np.int32), np.array(seen, np.int32),
+        ("a",) * len(seen), np.zeros((len(seen), 2, 2), np.float32), np.zeros((len(seen), 4), np.float32),
+    )  # fmt: skip
+
+
+def test_eight_of_many_objects_are_offered_the_likeliest_of_the_word_first() -> None:
+    looks = looks_of(np.eye(12, dtype=bool), list(range(1, 13)), list(range(12)))
+    assert offers_of(looks, np.linspace(0.4, 0.1, 12)) == list(range(N_OFFERED)) and N_OFFERED == 8
+    assert offers_of(looks, None) == list(range(11, 3, -1)), "the likeliest objects where nothing is known of the word"
+
+
+def test_what_no_photo_shows_is_not_offered() -> None:
+    looks = looks_of(np.eye(3, dtype=bool), [3, 2, 1], [0, 2])
+    assert offers_of(looks, np.array([0.1, 0.9, 0.2])) == [2, 0] and offers_of(looks, None) == [0, 2]
+
+
+def test_of_versions_of_an_object_the_likeliest_whole_one_is_offered_if_it_scores_nearly_as_much() -> None:
+    part, whole, other = [1, 1, 0, 0, 0], [1, 1, 1, 0, 0], [0, 0, 0, 1, 1]
+    looks = looks_of(np.array([part, whole, other], bool), [0, 2, 1], [0, 1, 2])
+    assert offers_of(looks, np.array([0.30, 0.20, 0.1])) == [1, 2]
+    assert offers_of(looks, np.array([0.30, 0.01, 0.1])) == [0, 2], "the whole hardly looks like it"
