@@ -13,7 +13,7 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, FormatError, ObjectError
 from engine.core.events import never_stop
-from engine.objects.detail import DetailPhotos, DetailResult, _plan, detail_object, _Scores
+from engine.objects.detail import DetailPhotos, DetailResult, _plan, _Scores, detail_object
 from engine.objects.settings import BETTER
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
