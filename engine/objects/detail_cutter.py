@@ -118,6 +118,8 @@ class DetailCutter:
 
     Attributes
     ----------
+    left : array of shape [N], bool
+        Those of the members that are trained.
     scale : float
         Scale of all parts relative to the photos' own.
     n_reduced : int
@@ -127,6 +129,7 @@ class DetailCutter:
     views: Views
     photos: DetailPhotos
     members: Mask
+    left: Mask
     trained: Gaussians
     scale: float = 1.0
     n_reduced: int = 0
@@ -182,18 +185,18 @@ class DetailCutter:
         return pixels, valid
 
     def _crop(
-        self, camera: Camera, part: PinholeCamera, coverage: tuple[Float32, Float32, Mask, Rendered]
+        self, camera: Camera, part: PinholeCamera, coverage: tuple[Float32, Float32, Mask, Rendered, Mask]
     ) -> DetailCrop:
         """Return a part of a photo with its maps, by what `_coverage` returned."""
-        share, alpha, hidden, isolated = coverage
+        share, alpha, hidden, isolated, of_trained = coverage
         small = _map_camera(part)
         pixels, valid = self._read(camera, part)
-        shown = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
+        resized = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
         gain = self.photos.gain(camera.photo)
         # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
         # The photo tells which.
         covered = isolated.alpha[..., None]
-        difference = np.abs(isolated.channels[..., :3] * gain - covered * shown / np.float32(255)).mean(axis=2)
+        difference = np.abs(isolated.channels[..., :3] * gain - covered * resized / np.float32(255)).mean(axis=2)
         agrees = (share <= VISIBLE_SHARE) & (isolated.alpha > VISIBLE_SHARE) & ~hidden
         agrees &= cv2.blur(difference, (5, 5)) < _AGREEING * isolated.alpha
         alpha = np.where(agrees, isolated.alpha, alpha)
@@ -204,8 +207,9 @@ class DetailCutter:
         alpha = np.where(inside, np.float32(1), alpha)
         kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
         compared = cv2.dilate((share > _COMPARED_SHARE).astype(np.uint8), kernel) > 0
+        shown = (inside | agrees) & valid
         return DetailCrop(
-            camera.photo, part, pixels, compared & valid, inside & valid, (inside | agrees) & valid,
+            camera.photo, part, pixels, compared & valid, inside & valid, shown, shown & of_trained,
             alpha.astype(np.float32), known, gain, float(visible.sum()),
         )  # fmt: skip
 
@@ -226,10 +230,13 @@ class DetailCutter:
         K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
         return replace(frame, K=K, width=right - left, height=bottom - top)
 
-    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered]:
-        """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone."""
+    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered, Mask]:
+        """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone.
+
+        The last is where the trained members make up half of its share.
+        """
         scene: Scene = self.views.scene
-        channels = np.column_stack([self.members.astype(np.float32), scene.depth_of(part)])
+        channels = np.column_stack([self.members, scene.depth_of(part), self.left]).astype(np.float32)
         # A card needs time for each new size of picture.
         side = _CARD_SIDE if scene.backend == "gpu" else 1
         width, height = (-(-one // side) * side for one in (part.width, part.height))
@@ -245,7 +252,8 @@ class DetailCutter:
         # Mean depths are compared, times both alphas, which may be 0.
         farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
         hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
-        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated
+        of_trained = in_scene.channels[..., 2] >= share / 2
+        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated, of_trained
 
 
 def _map_camera(part: PinholeCamera) -> PinholeCamera:

@@ -113,8 +113,11 @@ class SceneGraph:
         links = csr_matrix(links @ diags(1 / roots), dtype=np.float32)
         return links, csr_matrix(links.T)
 
-    def _weights(self, shown: float | None) -> Float32:
-        """Return the weights of the links of each segment beside `shown` pixels, [M, 1]; None weighs all the same."""
+    def _weights(self, shown: float | Float32 | None) -> Float32:
+        """Return the weights of the links of each segment beside `shown` pixels, [M, 1], or [M, K] for K of them.
+
+        None weighs all the same.
+        """
         pixels = self._segment_pixels[:, None]
         return np.ones_like(pixels) if shown is None else np.minimum(1, _SEGMENT_SIZE * shown / np.maximum(pixels, 1))
 
@@ -123,7 +126,7 @@ class SceneGraph:
         """Pixels of each segment, without the rest of the photos."""
         return np.asarray(self.segments.sum(axis=0), np.float32).ravel()[self.is_segment]
 
-    def solve(self, votes: Votes, strictness: float | Float32, shown: float | None = None) -> Float32:
+    def solve(self, votes: Votes, strictness: float | Float32, shown: float | Float32 | None = None) -> Float32:
         """Return the memberships of the Gaussians in K objects. Every membership falls as the strictness rises.
 
         Parameters
@@ -132,7 +135,7 @@ class SceneGraph:
             Of shape [N, K], or [N, 1] for one object at K values of `strictness`.
         strictness : float, or array of shape [K], float32
             Weight of a pixel beside the object relative to one inside of it, above 0.
-        shown : float or None
+        shown : float, array of shape [K], float32, or None
             Pixels that the evidence shows of the object, in a view. Segments of more than twice as many weigh less.
             None lets all segments weigh the same.
 
@@ -177,7 +180,7 @@ class SceneGraph:
             direction += scaled
         return np.clip(solution, 0, 1)
 
-    def memberships(self, votes: Votes, strictness: float | Float32, shown: float | None = None) -> Float32:
+    def memberships(self, votes: Votes, strictness: float | Float32, shown: float | Float32 | None = None) -> Float32:
         """Return what `solve` returns, as rows, but 0 in light parts of what belongs to an object.
 
         Links between Gaussians connect parts. Those stay that have at least `_LEAST_PART` of the votes for the object

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from .votes import MaskEvidence, Votes, count_votes
 
 __all__ = [
     "BELOW_THRESHOLD", "MAX_COMMON", "NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels",
-    "corrected", "fit_of", "is_same", "isolate_object",
+    "corrected", "fit_of", "is_same", "isolate_object", "levels_of_each",
 ]  # fmt: skip
 
 NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
@@ -32,6 +32,9 @@ MAX_COMMON = 0.5
 
 _FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2, -3, -4], np.float32)
 """Strictness of each level relative to the settings, from part to whole. The level at 1 is the object."""
+
+_TOGETHER = 4
+"""Objects that are solved together: each step reads the links once for all of them."""
 
 _ALONE = np.ones(1, np.float32)
 """Strictness of the object alone, relative to the settings."""
@@ -123,13 +126,36 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
     removed = _union(context, evidence, _ALONE, excluded=True)
     solved = np.minimum(_union(context, evidence, _FACTORS, excluded=False), 1 - removed)
-    # Rounding must not let a level leave the next one.
-    nested = np.maximum.accumulate([bounded(one, context.means) for one in solved])
-    levels = _distinct(nested, context.views, _FACTORS.tolist().index(1))
-    found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
-    if not found.members.any():
+    levels = _nested(context, solved)
+    if levels is None:
         raise PromptError(NONE_BEHIND if len(shown) == len(evidence) else NONE_LEFT)
+    found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
     return replace(found, fit=fit_of(shown[0], found.members, context.views))
+
+
+def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence]) -> Iterator[Levels | None]:
+    """Yield the levels of the object that each mask shows, none excluded; None where no Gaussian belongs to it.
+
+    Several are solved together, which takes less time.
+
+    Raises
+    ------
+    Cancelled
+        When the user stops.
+    """
+    items = list(evidence)
+    for first in range(0, len(items), _TOGETHER):
+        context.check_stop()
+        for solved in _solved(context, items[first : first + _TOGETHER], _FACTORS):
+            yield _nested(context, solved)
+
+
+def _nested(context: SegmentationContext, solved: Float32) -> Levels | None:
+    """Return memberships by `_FACTORS`, [7, N], as levels; None where nothing belongs to the object."""
+    # Rounding must not let a level leave the next one.
+    levels = np.maximum.accumulate([bounded(one, context.means) for one in solved])
+    itself = _FACTORS.tolist().index(1)
+    return _distinct(levels, context.views, itself) if (levels[itself] >= DEFAULT_THRESHOLD).any() else None
 
 
 def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:
@@ -153,14 +179,23 @@ def _union(
     context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32, *, excluded: bool
 ) -> Float32:
     """Return the largest membership over the masks of one kind for each of K factors of the strictness, [K, N]."""
-    graph = context.graph
-    highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
+    highest = np.zeros((len(factors), len(context.means)), np.float32)
     for item in (item for item in evidence if item.excluded == excluded):
-        votes = count_votes(context.views, item, graph.pixels)
-        column = Votes(votes.inside[:, None], votes.outside[:, None])
-        shown = float(item.mask.sum())
-        highest = np.maximum(highest, graph.memberships(column, context.settings.strictness * factors, shown))
+        highest = np.maximum(highest, _solved(context, [item], factors)[0])
     return highest
+
+
+def _solved(context: SegmentationContext, items: Sequence[MaskEvidence], factors: Float32) -> Float32:
+    """Return the memberships that each of J masks leads to for each of K factors of the strictness, [J, K, N]."""
+    graph, n_factors = context.graph, len(factors)
+    each = [count_votes(context.views, item, graph.pixels) for item in items]
+    inside, outside = (
+        np.repeat(np.stack(kind, axis=1), n_factors, axis=1)
+        for kind in ([votes.inside for votes in each], [votes.outside for votes in each])
+    )
+    strictness = context.settings.strictness * np.tile(factors, len(items))
+    shown = np.repeat(np.array([item.mask.sum() for item in items], np.float32), n_factors)
+    return graph.memberships(Votes(inside, outside), strictness, shown).reshape(len(items), n_factors, -1)
 
 
 def _distinct(memberships: Float32, views: Views, itself: int) -> Levels:

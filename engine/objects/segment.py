@@ -16,7 +16,7 @@ from .choosing import answers_of, offers_of
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, unknown_word
 from .graph import bounded
-from .lifting import FoundObject, isolate_object
+from .lifting import FoundObject, isolate_object, levels_of_each
 from .looks import Looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
@@ -195,13 +195,13 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
     # Where two reach into each other, the likelier object keeps its Gaussians.
-    for done, (number, name) in enumerate(zip(chosen, looks.names(chosen, context), strict=True), start=1):
-        try:
-            found = isolate_object(context, [looks.evidence(number, 1.0, context)])
-        except PromptError:  # all of it is drawn to what surrounds it
+    evidence = [looks.evidence(number, 1.0, context) for number in chosen]
+    each = zip(levels_of_each(context, evidence), looks.names(chosen, context), strict=True)
+    for done, (levels, name) in enumerate(each, start=1):
+        if levels is None:  # all of it is drawn to what surrounds it
             continue
-        free = (np.where(taken, np.float32(0), one) for one in found.levels.memberships)
-        levels = replace(found.levels, memberships=tuple(bounded(one, context.means) for one in free))
+        free = (np.where(taken, np.float32(0), one) for one in levels.memberships)
+        levels = replace(levels, memberships=tuple(bounded(one, context.means) for one in free))
         suggested, score = name if name[1] >= _MIN_NAME_SCORE else ("", 0.0)
         object_ = FoundObject(levels, score, name=suggested)
         if object_.members.any():

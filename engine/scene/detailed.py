@@ -42,7 +42,8 @@ class Detailed:
     trained_means : array of shape [M, 3], float32
         Their centres in the scene, in world units.
     parents : array of shape [K], int32
-        For each detailed Gaussian, its Gaussian in the scene: one of `rows`, each of which occurs. Ascending.
+        For each detailed Gaussian, its Gaussian in the scene: one of `rows`. Ascending. Those of `rows` that do not
+        occur are not shown.
     gaussians : Gaussians
         The K detailed Gaussians, without features.
     """
@@ -66,7 +67,8 @@ class Detailed:
         Returns
         -------
         gaussians : Gaussians
-            L of them; in place of a Gaussian, all detailed ones that have it as their parent, with its features.
+            L of them; in place of a Gaussian, all detailed ones that have it as their parent, with its features. There
+            may be none.
         source : array of shape [L], intp
             For each, the place in the given Gaussians of itself or of its parent, ascending. What is known of a
             Gaussian, such as its membership, holds for those in its place.
@@ -118,8 +120,8 @@ def load_detailed(project: Path, object_id: str) -> Detailed | None:
     rows, parents = arrays[_ROWS], arrays[_PARENTS]
     if len(rows) and (rows[0] < 0 or (np.diff(rows) <= 0).any()):
         raise FormatError(f"{file} cannot be read: `{_ROWS}` is not ascending. {_ADVICE}")
-    if not np.array_equal(np.unique(parents), rows) or (np.diff(parents) < 0).any():
-        raise FormatError(f"{file} cannot be read: `{_PARENTS}` are not its `{_ROWS}`, ascending. {_ADVICE}")
+    if not np.isin(parents, rows).all() or (np.diff(parents) < 0).any():
+        raise FormatError(f"{file} cannot be read: `{_PARENTS}` are not of its `{_ROWS}`, ascending. {_ADVICE}")
     if arrays["sh"].shape[1] not in (1, 4, 9, 16):
         raise FormatError(f"{file} cannot be read: `sh` has an unexpected shape. {_ADVICE}")
     values: dict[str, Any] = {name: arrays[name] for name in _VALUES}

@@ -44,6 +44,8 @@ class DetailCrop:
         Valid pixels that the object alone must show as the photo does.
     shown : array of shape [h, w], bool
         Valid pixels in which the object alone is compared with the photo, `inside` among them.
+    judged : array of shape [h, w], bool
+        Those of `shown` in which the object is not mostly what is left out of it: they decide.
     alpha : array of shape [h, w], float32
         Coverage that the object has alone.
     known : array of shape [h, w], bool
@@ -60,6 +62,7 @@ class DetailCrop:
     compared: Mask
     inside: Mask
     shown: Mask
+    judged: Mask
     alpha: Float32
     known: Mask
     gain: Float32
@@ -125,7 +128,7 @@ class DetailCrop:
         return self.window(min(max(0, x - w // 2), width - w), min(max(0, y - h // 2), height - h), w, h)
 
 
-_MAPS = ("compared", "inside", "shown", "alpha", "known")
+_MAPS = ("compared", "inside", "shown", "judged", "alpha", "known")
 
 
 def _cut(values: NDArray[Any], to_map: NDArray[np.float64], size: tuple[int, int]) -> NDArray[Any]:

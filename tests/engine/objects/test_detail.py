@@ -13,7 +13,7 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, FormatError, ObjectError
 from engine.core.events import never_stop
-from engine.objects.detail import DetailPhotos, DetailResult, _plan, detail_object
+from engine.objects.detail import DetailPhotos, DetailResult, _plan, _Scores, detail_object
 from engine.objects.settings import BETTER
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
@@ -208,6 +208,33 @@ def test_translucent_object_becomes_opaque_and_loses_its_spike(seen: Seen) -> No
     inside = erode_mask(seen.inside[TEST_PHOTO], 4)
     assert before[inside].mean() < 0.9 < 0.95 < after[inside].mean()
     assert before[outside].mean() > 0.7 > 0.35 > after[outside].mean()
+
+
+def test_what_the_photos_show_beside_the_object_is_left_out_of_it(seen: Seen) -> None:
+    ball = np.flatnonzero(seen.members)
+    beside = np.linalg.norm(seen.gaussians.means - seen.gaussians.means[ball].mean(axis=0), axis=1)
+    others = np.flatnonzero(~seen.members & (beside > 0.7))  # twice the radius of the ball
+    floor = others[np.argsort(beside[others])[:3]]
+    wrong = replace(seen, members=seen.members | np.isin(np.arange(len(seen.members)), floor))
+    result = wrong.detail(settings=replace(SMALL, detail_steps=60))
+    assert result.detailed is not None and result.record["left_out"] == 3
+    assert result.record["beyond"][1] < result.record["beyond"][0]
+    assert not np.isin(floor, result.detailed.parents).any() and np.isin(floor, result.detailed.rows).all()
+    rows = np.flatnonzero(wrong.members)
+    joined, source = result.detailed.with_detail(seen.gaussians[rows], rows)
+    assert len(joined) == len(result.detailed.gaussians) and not np.isin(floor, rows[source]).any()
+
+
+def test_detail_that_only_reaches_less_far_out_is_kept(seen: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
+    def scored(*psnr_and_beyond: tuple[float, float]) -> DetailResult:
+        scores = iter([_Scores(*one) for one in psnr_and_beyond])
+        monkeypatch.setattr("engine.objects.detail._scores", lambda *given, **named: next(scores))
+        return seen.detail(settings=replace(SMALL, detail_steps=3))
+
+    assert scored((20, 0.2), (20, 0.1)).detailed is not None
+    assert scored((20, 0.2), (20, 0.19)).detailed is None
+    assert scored((20, 0.2), (19.9, 0.1)).detailed is None
+    assert scored((20, 0.2), (20.1, 0.3)).detailed is not None
 
 
 def test_large_photos_are_read_smaller_which_the_record_says(seen: Seen, monkeypatch: pytest.MonkeyPatch) -> None:

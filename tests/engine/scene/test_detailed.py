@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,20 @@ def test_detailed_gaussians_are_read_as_written(tmp_path: Path, count: int) -> N
     np.testing.assert_array_equal(read.parents, written.parents)
 
 
+def test_a_gaussian_without_detailed_ones_is_not_shown(tmp_path: Path) -> None:
+    written = detailed()
+    save_detailed(folder_of(tmp_path), written)
+    rewrite(tmp_path, parents=np.array([0, 3, 6, 6], np.int32))
+    read = load_detailed(tmp_path, "vase")
+    assert read is not None
+    scene = replace(written.gaussians, means=written.trained_means)
+    joined, source = read.with_detail(scene, written.rows)
+    np.testing.assert_array_equal(source, [0, 1, 2, 2])
+    np.testing.assert_array_equal(joined.means, written.gaussians.means)
+    moved = replace(scene, means=scene.means + 1)  # the user moved all of them
+    np.testing.assert_array_equal(read.with_detail(moved, written.rows)[0].means, moved.means)
+
+
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
@@ -53,9 +68,9 @@ def test_detailed_gaussians_are_read_as_written(tmp_path: Path, count: int) -> N
         ({"rows": np.array([-5, 1, 2, 3], np.int32)}, "not ascending"),
         ({"rows": np.arange(3, dtype=np.int32)}, "shape"),
         ({"rows": np.arange(4.0)}, "type float64"),
-        ({"parents": np.array([0, 3, 6, 6], np.int32)}, "`parents` are not its `rows`"),
-        ({"parents": np.array([3, 0, 6, 9], np.int32)}, "`parents` are not its `rows`"),
-        ({"parents": np.array([0, 3, 6, 90], np.int32)}, "`parents` are not its `rows`"),
+        ({"parents": np.array([0, 3, 6, 7], np.int32)}, "`parents` are not of its `rows`"),
+        ({"parents": np.array([3, 0, 6, 9], np.int32)}, "`parents` are not of its `rows`"),
+        ({"parents": np.array([0, 3, 6, 90], np.int32)}, "`parents` are not of its `rows`"),
         ({"means": np.full((4, 3), np.nan, np.float32)}, "not finite"),
         ({"quats": np.zeros((4, 3), np.float32)}, "shape"),
         ({"sh": np.zeros((4, 5, 3), np.float32)}, "`sh` has an unexpected shape"),

@@ -62,6 +62,7 @@ def detail_scene(*, gain: float = 0.9) -> DetailScene:
                 share > 0.02,
                 inside,
                 shown,
+                shown,
                 np.clip((share - 0.3) / 0.4, 0, 1).astype(np.float32),
                 share + (1 - alone) > 0.2,
                 np.full(3, gain, np.float32),
