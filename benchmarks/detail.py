@@ -75,8 +75,10 @@ missing because the word did not find it.
   Where it covers more than that and has the photo's colours, it stays, because others show there what it shows too.
   Else it is a spike or a veil, and goes.
 - The first quarter of the steps compares whole photos of the object, reduced; later ones compare windows of 160 x 160
-  pixels. Photos are read at their own size, and the last 45 % of the steps compare windows of that size. Where the
-  crops of an object have more than 160 million pixels together, all are read smaller, which the record says.
+  pixels. Photos are read at their own size, unless the steps are too few to compare each pixel of the object four
+  times, or all crops have more than 160 million pixels: then they are read smaller, which the record says, but not
+  below crops of 600,000 pixels. Windows that a step sees once are fitted to that photo: with 1,500 steps on photos of
+  12 megapixels, the test photos lose 0.5 dB.
 - Gaussians are split where the error of the object is: up to one for 8 pixels of its surface, one for 100 pixels that
   the steps compare, 300,000, and six times as many as before, or more where the photos are finer than those that the
   scene was trained on. Above 400,000 pixels in a photo, an object gets more steps, by the root of its pixels, up to

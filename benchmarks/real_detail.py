@@ -45,8 +45,8 @@ only whether the detail is kept. Compared are the pixels in which the object con
 The objects of sets with hand-made masks are found by the first mask (docs/objects.md).
 
 `monstree` is AliceVision's public set of that name, of a phone: its folder `full`, the 23 files below 4 MiB, with the
-preset `standard`, and ``segment --box IMG_1028.JPG=465,610,3240,2940 --name face``. Its photos
-are read at their own size."""
+preset `standard`, and ``segment --box IMG_1028.JPG=465,610,3240,2940 --name face``. The
+record of an object says at which scale its photos were read."""
 _MIN_SHARE = 0.5
 """Share of a pixel that the object contributes to the scene, from which on the pixel is compared."""
 _MIN_PIXELS = 5_000

@@ -166,7 +166,8 @@ def detail_object(
     parts = {camera.photo: part for camera in [*cameras, *tests] if (part := cutter.part(camera)) is not None}
     shown = [camera for camera in [*cameras, *tests] if camera.photo in parts]
     crops: list[DetailCrop] = []
-    for crop in cutter.crops(shown, list(parts.values())):
+    plan = DetailPlan(_steps(settings.detail_steps, list(cutter.n_shown.values())), len(rows))
+    for crop in cutter.crops(shown, list(parts.values()), plan.n_compared):
         if should_stop():
             raise Cancelled("Stopped while detailing; nothing was stored.")
         crops.append(crop)
@@ -179,7 +180,7 @@ def detail_object(
     if not validation:
         training, validation = _divided(training)
     n_pixels = float(np.median([crop.pixels_of(crop.inside) for crop in training]))
-    plan = _plan(settings.detail_steps, len(own), n_pixels, cutter.finer)
+    plan = replace(plan, max_gaussians=_max_gaussians(plan, len(own), n_pixels, cutter.finer))
     device = "card" if views.scene.backend == "gpu" else "processor"
     others = replace(gaussians[np.flatnonzero(~left)], features=None)
     result, parents = train_detail(
@@ -221,17 +222,21 @@ def _shown_inside(views: Views, members: Mask, cameras: Sequence[Camera], should
     return left if left.any() else members
 
 
-def _plan(n_steps: int, n: int, n_pixels: float, finer: float) -> DetailPlan:
-    """Return how much an object of `n` Gaussians and `n_pixels` in one photo is trained.
+def _steps(n_steps: int, n_shown: Sequence[float]) -> int:
+    """Return the steps of an object that has so many pixels in the photos that show it."""
+    typical = float(np.median(n_shown)) if n_shown else 0.0
+    return round(n_steps * min(_MAX_MORE_STEPS, max(1.0, math.sqrt(typical / _PIXELS_FOR_STEPS))))
 
-    `finer` is the photo's scale relative to that of the scene's training.
+
+def _max_gaussians(plan: DetailPlan, n: int, n_pixels: float, finer: float) -> int:
+    """Return the largest number of Gaussians of an object of `n`, and of `n_pixels` in one crop.
+
+    `finer` is the scale of the crops relative to that of the scene's training.
     """
-    steps = round(n_steps * min(_MAX_MORE_STEPS, max(1.0, math.sqrt(n_pixels / _PIXELS_FOR_STEPS))))
-    plan = DetailPlan(steps, n)
     surface = max(n, _SIDES * n_pixels / _PIXELS_PER_GAUSSIAN)
-    determined = max(_MAX_GROWTH * n, steps * plan.window_pixels / _PIXELS_SEEN)
+    determined = max(_MAX_GROWTH * n, plan.n_compared / _PIXELS_SEEN)
     allowed = max(n, _MAX_GAUSSIANS)
-    return replace(plan, max_gaussians=round(min(surface, determined, allowed, max(_MAX_GROWTH, finer**2) * n)))
+    return round(min(surface, determined, allowed, max(_MAX_GROWTH, finer**2) * n))
 
 
 class _Scores(NamedTuple):

@@ -55,6 +55,10 @@ _MAP_PIXELS = 600_000
 _MAX_PIXELS = 160_000_000
 """Pixels of all crops together, 3 bytes each. If they have more, all are reduced, which the result says."""
 
+_PASSES = 4.0
+"""How often the steps are to compare each pixel of the object. If they are too few, all crops are reduced, which the
+result says, but not below the size of their maps: windows that are seen once are fitted to one photo alone."""
+
 _CARD_SIDE = 256
 """Sides of the maps' pictures on a card are multiples of this."""
 
@@ -122,6 +126,8 @@ class DetailCutter:
         Those of the members that are trained.
     scale : float
         Scale of all parts relative to the photos' own.
+    n_shown : dict of str to float
+        By photo, of those that `part` was asked for: its own pixels that show the object.
     n_reduced : int
         Photos that were read smaller than they are.
     """
@@ -139,6 +145,7 @@ class DetailCutter:
         self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
         self._alone = self.views.scene.with_gaussians(self.trained)
         self._frames: dict[str, PinholeCamera] = {}
+        self.n_shown: dict[str, float] = {}
 
     @property
     def finer(self) -> float:
@@ -146,16 +153,27 @@ class DetailCutter:
         sides = [max(one.width, one.height) for one in self.views.cameras.cameras]
         return self.scale * min(float(np.median(sides)), _MAX_SIDE) / self.photos.trained_side
 
-    def crops(self, cameras: Sequence[Camera], parts: Sequence[PinholeCamera]) -> Iterator[DetailCrop]:
+    def crops(
+        self, cameras: Sequence[Camera], parts: Sequence[PinholeCamera], n_compared: float
+    ) -> Iterator[DetailCrop]:
         """Yield the parts of photos that show the object, as `part` found them. Photos are read ahead by threads.
+
+        Parameters
+        ----------
+        cameras : sequence of Camera
+        parts : sequence of PinholeCamera
+        n_compared : float
+            Pixels that all steps compare.
 
         Raises
         ------
         PhotoError
             When a photo cannot be read.
         """
-        total = sum(part.width * part.height for part in parts)
-        self.scale = min(1.0, math.sqrt(_MAX_PIXELS / max(1, total)))
+        sizes = [part.width * part.height for part in parts]
+        seen = n_compared / (_PASSES * max(1.0, sum(self.n_shown[camera.photo] for camera in cameras)))
+        of_maps = _MAP_PIXELS / float(np.median(sizes)) if sizes else 1.0
+        self.scale = math.sqrt(min(1.0, _MAX_PIXELS / max(1, sum(sizes)), max(seen, of_maps)))
         pool = ThreadPoolExecutor(min(_READERS, len(usable_cores())))
         try:
             waiting: list[Future[DetailCrop]] = []
@@ -223,6 +241,7 @@ class DetailCutter:
         box = mask_box(share > _MIN_SHARE)
         assert box is not None, "the object is visible in this view"
         scale = frame.K[0, 0] / small.K[0, 0]
+        self.n_shown[camera.photo] = float((share > VISIBLE_SHARE).sum()) * scale**2
         margins = [_MARGIN * (box[2] - box[0]) + 2, _MARGIN * (box[3] - box[1]) + 2]
         left, top = (max(0, math.floor((box[i] - margins[i]) * scale)) for i in (0, 1))
         right = min(frame.width, math.ceil((box[2] + margins[0]) * scale))

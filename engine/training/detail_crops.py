@@ -156,6 +156,11 @@ class DetailPlan:
     max_gaussians: int
     window_pixels: int = 160 * 160
 
+    @property
+    def n_compared(self) -> float:
+        """Pixels that all windows of the steps have together."""
+        return (1 - _COARSE) * self.steps * self.window_pixels
+
 
 class Levels:
     """Crops at the sizes that the steps compare, and the draw of each step's window, the same on every device.

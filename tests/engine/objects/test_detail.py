@@ -13,13 +13,14 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, FormatError, ObjectError
 from engine.core.events import never_stop
-from engine.objects.detail import DetailPhotos, DetailResult, _plan, _Scores, detail_object
+from engine.objects.detail import DetailPhotos, DetailResult, _max_gaussians, _Scores, _steps, detail_object
 from engine.objects.settings import BETTER
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
 from engine.project.objects import ObjectRecord, object_gaussians, save_object
 from engine.rasterizer.gpu import Gpu
 from engine.scene import Camera, CameraSet, Detailed, Gaussians, load_detailed
+from engine.training import DetailPlan
 from tests.engine.pictures.blob_scene import HEIGHT, RED, WIDTH, as_pinhole, camera_at, make_scene
 
 SMALL = replace(BETTER, render_side=160, detail_steps=120)
@@ -258,13 +259,23 @@ def test_photos_larger_than_their_maps_are_compared_at_their_own_size(
 
 
 def test_steps_and_gaussians_are_those_that_the_pixels_justify() -> None:
-    small, large, huge = (_plan(1500, 20_000, pixels, finer) for pixels, finer in ((9e4, 1.2), (8e5, 2.5), (5e6, 6.3)))
-    assert small.steps == 1500 and small.max_gaussians == 3 * 9e4 / 8
-    assert large.steps == pytest.approx(1500 * 2**0.5, abs=1) and large.max_gaussians == 125_000
-    assert huge.steps == 4500 and huge.max_gaussians == 300_000
+    assert [_steps(1500, [pixels] * 3) for pixels in (9e4, 8e5, 5e6)] == [1500, 2121, 4500]
+    plan = DetailPlan(1500, 20_000)
+    assert _max_gaussians(plan, 20_000, 9e4, 1.2) == 3 * 9e4 / 8
+    assert _max_gaussians(plan, 20_000, 8e5, 2.5) == 125_000
+    assert _max_gaussians(plan, 20_000, 5e6, 6.3) == round(plan.n_compared / 100)
+    assert _max_gaussians(replace(plan, steps=4500), 20_000, 5e6, 6.3) == 300_000
     # An object that has more keeps them; few pixels add none.
-    assert _plan(1500, 400_000, 5e6, 6.3).max_gaussians == 400_000
-    assert _plan(1500, 20_000, 100, 6.3).max_gaussians == 20_000
+    assert _max_gaussians(plan, 400_000, 5e6, 6.3) == 400_000
+    assert _max_gaussians(plan, 20_000, 100, 6.3) == 20_000
+
+
+def test_photos_are_read_as_large_as_the_steps_can_compare_them(seen: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("engine.objects.detail_cutter._MAP_PIXELS", 2000)
+    few, more = (seen.detail(settings=replace(SMALL, detail_steps=steps)).record for steps in (2, 30))
+    assert few["scale"] < more["scale"] == 1 and few["reduced"] == 12 and more["reduced"] == 0
+    # Never smaller than the maps.
+    assert few["pixels"] > 500
 
 
 def test_nothing_is_done_without_steps_members_or_photos(seen: Seen) -> None:
