@@ -15,14 +15,15 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ..cameras import training_pinhole
 from ..core.arrays import Mask
-from ..core.errors import Cancelled
+from ..core.errors import Cancelled, EnvironmentProblem
 from ..core.events import StopCheck
 from ..pictures import Scene
 from ..pictures.settings import VISIBLE_SHARE
-from ..scene import Camera, Detailed
+from ..scene import Camera, Detailed, Gaussians
 from ..training import DetailCrop, DetailPlan, tiles, train_detail
 from .detail_cutter import DetailCutter, DetailPhotos
 from .settings import SegmentSettings
@@ -181,12 +182,20 @@ def detail_object(
         training, validation = _divided(training)
     n_pixels = float(np.median([crop.pixels_of(crop.inside) for crop in training]))
     plan = replace(plan, max_gaussians=_max_gaussians(plan, len(own), n_pixels, cutter.finer))
-    device = "card" if views.scene.backend == "gpu" else "processor"
     others = replace(gaussians[np.flatnonzero(~left)], features=None)
-    result, parents = train_detail(
-        trained, others, training, plan, backend=views.scene.backend, should_stop=should_stop,
-        tell=lambda done, left: tell(_PREPARATION + (1 - _PREPARATION) * done, left),
-    )  # fmt: skip
+
+    def train() -> tuple[Gaussians, NDArray[np.int64]]:
+        return train_detail(
+            trained, others, training, plan, backend=views.scene.backend, should_stop=should_stop,
+            tell=lambda done, left: tell(_PREPARATION + (1 - _PREPARATION) * done, left),
+        )  # fmt: skip
+
+    try:
+        result, parents = train()
+    except EnvironmentProblem as problem:
+        views.scene.leave_card(problem)
+        result, parents = train()
+    device = "card" if views.scene.backend == "gpu" else "processor"
     before, after = (_scores(views.scene.with_gaussians(one), validation) for one in (given, result))
     gain = after.psnr - before.psnr
     record |= {

@@ -233,11 +233,15 @@ class Scene:
                 self._card = scene_on_card(means, quats, scales, opacities, sh, self._settings)
             return compute(self._card)
         except EnvironmentProblem as problem:
-            if self._on_failure is None:
-                raise
-            self._card, self.backend = None, "cpu"
-            self._on_failure(problem)
+            self.leave_card(problem)
             return None
+
+    def leave_card(self, problem: EnvironmentProblem) -> None:
+        """Go on on the processor, because of a problem of the card; raises `problem` where the card is demanded."""
+        if self.backend != "gpu" or self._on_failure is None:
+            raise problem
+        self._card, self.backend = None, "cpu"
+        self._on_failure(problem)
 
     def _cached_view(self, camera: PinholeCamera) -> CachedView:
         """Return the projected and sorted Gaussians for `camera`, cached within `_MAX_CACHE_BYTES`."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.core.errors import Cancelled, FormatError, ObjectError
+from engine.core.errors import Cancelled, EnvironmentProblem, FormatError, ObjectError
 from engine.core.events import never_stop
 from engine.objects.detail import DetailPhotos, DetailResult, _max_gaussians, _Scores, _steps, detail_object
 from engine.objects.settings import BETTER
@@ -307,6 +307,27 @@ def test_detail_on_the_card_is_as_good_as_on_the_processor(card: Gpu, seen: Seen
     assert on_card["psnr"][0] == pytest.approx(processor["psnr"][0], abs=0.02)
     assert on_card["psnr"][1] == pytest.approx(processor["psnr"][1], abs=0.4) and on_card["kept"]
     assert on_card["gaussians"] == pytest.approx(processor["gaussians"], rel=0.02)
+
+
+@pytest.mark.parametrize("demanded", [False, True])
+def test_card_that_fails_leaves_detail_to_the_processor_unless_it_is_demanded(
+    card: Gpu, seen: Seen, monkeypatch: pytest.MonkeyPatch, demanded: bool
+) -> None:
+    def fail(*given: Any, **named: Any) -> None:
+        raise EnvironmentProblem("The card lacks memory; use another one.")
+
+    monkeypatch.setattr("engine.training.gpu.detail.GpuDetailSteps.result", fail)
+    problems: list[EnvironmentProblem] = []
+    scene = Scene(seen.gaussians, backend="gpu", on_failure=None if demanded else problems.append)
+    settings = replace(BETTER, render_side=160, detail_steps=40)
+    views = Views(scene, seen.cameras, render_side=160)
+    if demanded:
+        with pytest.raises(EnvironmentProblem, match="lacks memory"):
+            detail_object(views, seen.photos, seen.members, settings, should_stop=never_stop)
+        return
+    record = detail_object(views, seen.photos, seen.members, settings, should_stop=never_stop).record
+    assert record["device"] == "processor" and record["steps"] > 0
+    assert len(problems) == 1 and "lacks memory" in str(problems[0])
 
 
 @pytest.fixture
