@@ -520,14 +520,14 @@ def test_project_learns_words_after_one_press_and_stops_after_the_next(opened: A
     assert draw("HERITAGE_PT_objects").icons["heritage.learn_words"] == "CHECKBOX_DEHLT"
     for learns in (True, False):
         assert bpy.ops.heritage.learn_words() == {"FINISHED"}
-        assert json.loads((opened.folder / "project.json").read_text())["learns_words"] is learns
+        assert json.loads((opened.folder / "project.json").read_text(encoding="utf-8"))["learns_words"] is learns
     bpy.ops.heritage.learn_words()
     assert draw("HERITAGE_PT_objects").icons["heritage.learn_words"] == "CHECKBOX_HLT"
 
 
 def test_pictures_of_what_a_word_may_mean_stand_below_it_with_a_button_each(opened: Any, draw: Draw) -> None:
     write_refusal(opened)
-    stored = json.loads((opened.folder / "objects" / "candidates.json").read_text())
+    stored = json.loads((opened.folder / "objects" / "candidates.json").read_text(encoding="utf-8"))
     (one,) = stored["candidates"]
     stored["candidates"] = [{**one, "number": number, "text": text} for number, text in enumerate("aab", 1)]
     (opened.folder / "objects" / "candidates.json").write_text(json.dumps(stored))

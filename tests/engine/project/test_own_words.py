@@ -105,9 +105,9 @@ def test_words_of_another_width_do_not_spoil_the_vocabulary(own: OwnWords, tmp_p
 )
 def test_damaged_vocabulary_is_named_and_kept(damage: Callable[[Any], Any], own: OwnWords) -> None:
     own.add([example("vase")])
-    data = json.loads(own.file.read_text())
+    data = json.loads(own.file.read_text(encoding="utf-8"))
     data["examples"] = [damage(data["examples"][0])]
-    own.file.write_text(json.dumps(data))
+    own.file.write_text(json.dumps(data), encoding="utf-8")
     damaged = own.file.read_bytes()
     for use in (own.examples, lambda: own.add([example("mask", "b")]), lambda: own.forget("vase")):
         with pytest.raises(FormatError, match="own_words.json.*Import a copy of it, or delete it"):
