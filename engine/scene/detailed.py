@@ -68,7 +68,7 @@ class Detailed:
         -------
         gaussians : Gaussians
             L of them; in place of a Gaussian, all detailed ones that have it as their parent, with its features. There
-            may be none.
+            may be none. If none of `rows` has one, all stay as they are in the scene: nothing would be left.
         source : array of shape [L], intp
             For each, the place in the given Gaussians of itself or of its parent, ascending. What is known of a
             Gaussian, such as its membership, holds for those in its place.
@@ -79,6 +79,8 @@ class Detailed:
         replaced = (self.rows[place] == rows) & (self.trained_means[place] == gaussians.means).all(axis=1)
         first, after = (np.searchsorted(self.parents, rows, side=side) for side in ("left", "right"))
         counts = np.where(replaced, after - first, 1)
+        if not counts.any():
+            return gaussians, np.arange(len(rows))
         source = np.repeat(np.arange(len(rows)), counts)
         number = np.arange(len(source)) - np.repeat(np.cumsum(counts) - counts, counts)
         is_detailed = replaced[source]

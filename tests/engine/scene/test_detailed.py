@@ -60,6 +60,15 @@ def test_a_gaussian_without_detailed_ones_is_not_shown(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.with_detail(moved, written.rows)[0].means, moved.means)
 
 
+def test_an_object_of_which_no_gaussian_has_detailed_ones_stays_as_in_the_scene() -> None:
+    written = detailed()
+    part = replace(written, parents=written.parents[:2], gaussians=written.gaussians[np.arange(2)])
+    scene = replace(written.gaussians, means=written.trained_means)
+    joined, source = part.with_detail(scene[np.arange(2, 4)], written.rows[2:])
+    np.testing.assert_array_equal(source, [0, 1])
+    np.testing.assert_array_equal(joined.means, scene.means[2:])
+
+
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
