@@ -14,8 +14,10 @@ from ..core.arrays import Float32
 from ..core.errors import NumericalError
 from ..rasterizer import JIT, Share, all_finite, new_counters, run_shared, take_range
 
-__all__ = ["MAX_REFUSED_STEPS", "AdamState", "adam_step"]
+__all__ = ["BETAS", "EPS", "MAX_REFUSED_STEPS", "AdamState", "adam_step"]
 
+BETAS, EPS = (0.9, 0.999), 1e-15
+"""Decay of the running means of the gradient and of its square, and what is added to the denominator."""
 
 MAX_REFUSED_STEPS = 20
 """Training steps without an update, because a gradient is not finite, after which training fails."""
@@ -87,9 +89,9 @@ def adam_step(
     groups: Sequence[tuple[torch.Tensor, torch.Tensor, float]],
     states: Sequence[AdamState],
     *,
-    beta1: float = 0.9,
-    beta2: float = 0.999,
-    eps: float = 1e-15,
+    beta1: float = BETAS[0],
+    beta2: float = BETAS[1],
+    eps: float = EPS,
     threads: int | None = None,
 ) -> None:
     """Do one step of Adam, as `torch.optim.Adam` does it, on several parameters.

@@ -21,7 +21,7 @@ from ..core.events import StopCheck
 from ..rasterizer import rasterize
 from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import Gaussians, PinholeCamera
-from .adam import AdamState
+from .adam import BETAS, EPS, AdamState
 from .densify import split
 from .detail_crops import DetailCrop, DetailPlan, Levels
 from .detail_rules import (
@@ -51,9 +51,6 @@ _GROW_UNTIL = 0.6  # chosen on museum_room
 
 _MOST = 0.7
 """Share of the object's Gaussians in a window from which on all are stepped, which then takes less time."""
-
-_BETAS = (0.9, 0.999)
-"""Decay of Adam's moments, as in `adam_step`."""
 
 
 class DetailSteps(Protocol):
@@ -236,7 +233,7 @@ class _CpuDetailSteps:
         if self._done == 0 or not bool((missed > 0).any()):
             self._set_steps()
             return
-        beta1, beta2 = _BETAS
+        beta1, beta2 = BETAS
         decay = beta1**missed
         moved, faded = beta1 * (1 - decay) / (1 - beta1), beta2**missed
         for name in self._names:
@@ -246,7 +243,7 @@ class _CpuDetailSteps:
             # In place where all rows are meant.
             size = self._rates[name] / (1.0 - beta1**self._done)
             root = math.sqrt(1.0 - beta2**self._done)
-            value[rows] -= size * moved.view(shape) * mean / (square.sqrt() / root + 1e-15)
+            value[rows] -= size * moved.view(shape) * mean / (square.sqrt() / root + EPS)
             moment.mean[rows], moment.square[rows] = mean * decay.view(shape), square * faded.view(shape)
         self._last[rows] = self._done
         self._set_steps()
