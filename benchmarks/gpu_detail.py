@@ -26,6 +26,7 @@ from engine.core.events import never_stop
 from engine.objects import DetailPhotos, Views, detail_object
 from engine.objects.settings import BETTER
 from engine.pictures import Scene
+from engine.quality.stability.training_scenes import look_at_viewmat
 from engine.scene import Camera, CameraSet, Gaussians, PinholeCamera
 
 N_PHOTOS, WIDTH, HEIGHT, FOCAL = 45, 1632, 1224, 1400.0
@@ -69,14 +70,8 @@ def cameras() -> list[Camera]:
     for number in range(N_PHOTOS):
         angle, height = 2 * np.pi * 0.381966 * number, 0.2 + 1.2 * number / N_PHOTOS
         center = np.array([DISTANCE * np.cos(angle), DISTANCE * np.sin(angle), height])
-        forward = -center / np.linalg.norm(center)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        viewmat = np.eye(4)
-        viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        viewmat[:3, 3] = -viewmat[:3, :3] @ center
         lens = (FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2)
-        found.append(Camera(f"photo_{number:02}.jpg", WIDTH, HEIGHT, "PINHOLE", lens, viewmat))
+        found.append(Camera(f"photo_{number:02}.jpg", WIDTH, HEIGHT, "PINHOLE", lens, look_at_viewmat(center)))
     return found
 
 
