@@ -64,24 +64,24 @@ def learn(project: ProjectFolder, own: OwnWords, context: SegmentationContext) -
     Cancelled
         When the user stops.
     """
-    wanted = {record.id: word for record in list_objects(project.path) if (word := taught_word(record))}
+    wanted = [(record, word) for record in list_objects(project.path) if (word := taught_word(record))]
     if not wanted or not (fingerprint := context.detector.fingerprint):
         return []
     known = {one.source: (one.word, one.state) for one in own.examples(fingerprint)}
     scene, found = project.recorded_outputs("training"), []
-    for record in list_objects(project.path):
-        if record.id not in wanted or record.n_scene_gaussians != len(context.means):
+    for record, word in wanted:
+        if record.n_scene_gaussians != len(context.means):
             continue
         source = stage_key(scene, record.id)[:32]
         state = stage_key(record.created, record.n_gaussians, record.threshold, record.level, list(record.refined))[:32]
-        if known.get(source) == (wanted[record.id], state):
+        if known.get(source) == (word, state):
             continue
         members = membership_in(project.path, record, len(context.means)) >= record.threshold
         rows = context.detector.example_vectors(describe_members(members, context))
         if len(rows):
             now = datetime.now(UTC).isoformat(timespec="seconds")
             vector = rows.mean(axis=0)
-            found.append(Example(wanted[record.id], source, state, context.detector.name, fingerprint, now, vector))
+            found.append(Example(word, source, state, context.detector.name, fingerprint, now, vector))
     if found:
         own.add(found)
     return list(dict.fromkeys(one.word for one in found))
