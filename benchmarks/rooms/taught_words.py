@@ -142,11 +142,29 @@ def asked(room: Measured, scores: Float64, kind: str, detector: OfflineVocabular
 
     With a detector, what it takes for something else is no answer.
     """
-    answers, looks = [number for number, _ in answers_of(room.looks, scores, BETTER)], room.looks
-    if detector is not None:
-        rows = {number: looks.described[looks.proposal == looks.like[number]] for number in answers}
-        answers = [number for number in answers if not detector.fitting_word(rows[number], kind)]
+    answers = answered(room, scores, kind, detector)
     return None if not answers else _is_of(room, answers[0], kind)
+
+
+def answered(
+    room: Measured, scores: Float64 | None, kind: str, detector: OfflineVocabulary | None = None
+) -> list[int]:
+    """Return the proposals that answer a word, the best first; `scores` is None for an unknown one."""
+    if scores is None:
+        return []
+    answers, looks = [number for number, _ in answers_of(room.looks, scores, BETTER)], room.looks
+    if detector is None:
+        return answers
+    rows = {number: looks.described[looks.proposal == looks.like[number]] for number in answers}
+    return [number for number in answers if not detector.fitting_word(rows[number], kind)]
+
+
+def scores_of(room: Measured, kind: str, detector: OfflineVocabulary) -> Float64 | None:
+    """Return the scores of the proposals for a word; None for an unknown one."""
+    try:
+        return room.looks.described_scores(kind, detector)
+    except PromptError:
+        return None
 
 
 def _is_of(room: Measured, number: int, kind: str) -> bool:
@@ -204,26 +222,30 @@ def taught_table(rooms: Sequence[Measured], detector: OfflineVocabulary) -> str:
 def pictures_table(rooms: Sequence[Measured], detector: OfflineVocabulary) -> str:
     """Return the table of what refused words are answered with."""
     lines = [
-        "| room | words | found | another thing | refused | of these among the pictures | of all words |",
-        "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+        "| room | words | have a set | found | another thing | refused | of these among the pictures | of all words "
+        "| after the others |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
     ]
-    sums = np.zeros(6, int)
+    sums = np.zeros(8, int)
     for room in rooms:
-        counts = np.zeros(6, int)
-        for kind in dict.fromkeys(room.kinds()):
-            scores: Float64 | None = None
-            try:
-                scores = room.looks.described_scores(kind, detector)
-            except PromptError:
-                answer = None  # an unknown word
-            else:
-                answer = asked(room, scores, kind, detector)
-            offered = any(_is_of(room, number, kind) for number in offers_of(room.looks, scores))
-            counts += [1, answer is True, answer is False, answer is None, offered and answer is None, offered]
+        counts = np.zeros(8, int)
+        kinds = list(dict.fromkeys(room.kinds()))
+        known = {kind: scores_of(room, kind, detector) for kind in kinds}
+        answers = {kind: answered(room, known[kind], kind, detector) for kind in kinds}
+        for kind in kinds:
+            answer = _is_of(room, answers[kind][0], kind) if answers[kind] else None
+            others = [room.looks.members[k] for other in kinds if other != kind for k in answers[other]]
+            offered, after = (
+                any(_is_of(room, number, kind) for number in offers_of(room.looks, known[kind], stored))
+                for stored in ([], others)
+            )
+            has_set = any(_is_of(room, number, kind) for number in range(len(room.iou)))
+            counts += [1, has_set, answer is True, answer is False, answer is None, offered and answer is None, offered,
+                       after]  # fmt: skip
         sums += counts
         lines.append(f"| {room.name} | {' | '.join(map(str, counts))} |")
-    shares = [f"{sums[0]}", *(f"{sums[k]} ({100 * sums[k] / sums[0]:.0f} %)" for k in (1, 2, 3))]
-    shares += [f"{sums[4]} ({100 * sums[4] / max(1, sums[3]):.0f} %)", f"{sums[5]} ({100 * sums[5] / sums[0]:.0f} %)"]
+    shares = [f"{sums[k]} ({100 * sums[k] / sums[0]:.0f} %)" for k in range(8)]
+    shares[0], shares[5] = str(sums[0]), f"{sums[5]} ({100 * sums[5] / max(1, sums[4]):.0f} %)"
     return "\n".join([*lines, f"| **all** | {' | '.join(shares)} |"])
 
 

@@ -285,10 +285,14 @@ def _write_candidates(folder: Path) -> None:
         "box": [1.0, 2.0, 9.0, 9.0],
     }
     entry |= {"n_gaussians": 2, "n_scene_gaussians": 10, "detector": "offline-vocabulary"}
+    entry |= {"graph": "a1", "fingerprint": "features 1"}
     entry |= {"picture": "objects/_candidates/1.png"}
     refused = [{"text": "cup", "message": "No cup was found."}]
     (folder / "objects" / "_candidates").mkdir(parents=True)
-    np.save(folder / "objects" / "_candidates" / "1.npy", np.packbits(np.arange(10) < 2))
+    sets = {"members": np.packbits(np.arange(10) < 2), "undecided": np.packbits(np.arange(10) > 8)}
+    mask, example = np.packbits(np.eye(12, dtype=bool), axis=1), np.linspace(-1, 1, 6, dtype=np.float32)
+    file = folder / "objects" / "_candidates" / "1.npz"
+    np.savez_compressed(file, width=12, mask=mask, example=example, **sets)
     data = {"version": 1, "created": "2026-01-01", "refused": refused, "candidates": [entry]}
     (folder / "objects" / "candidates.json").write_text(json.dumps(data))
 
@@ -477,7 +481,7 @@ PROJECT = (
     ),
     Reader("trash", _write_trash, _list_trash, ("trash/20260101-000000-vase/trash.json",)),
     Reader("museum-record", _write_museum_record, _load_museum_record, ("objects/vase/record.json",)),
-    Reader("candidates", _write_candidates, _load_candidate, ("objects/candidates.json", "objects/_candidates/1.npy")),
+    Reader("candidates", _write_candidates, _load_candidate, ("objects/candidates.json", "objects/_candidates/1.npz")),
     Reader("own-words", _write_own_words, _read_own_words, ("own_words.json",)),
     Reader("candidates-in-blender", _write_candidates, _show_candidates, ("objects/candidates.json",)),
     Reader("kept-arrays", _write_kept, _read_kept, ("kept.npz",)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,22 +11,21 @@ from pathlib import Path
 from ..core.errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
 from ..core.events import ErrorEvent
 from ..core.system import StopOnSignal, end_children_with_this_process, signals_held_back
-from .commands import COMMANDS
-from .doctor import missing_package
+from .commands import COMMANDS, load_command
 from .terminal import EventOutput
 
 __all__ = ["main"]
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands."""
+def build_parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+    """Return the parser of the commands of these names."""
     parser = argparse.ArgumentParser(
         prog="python -m engine",
         description="Photos in, Gaussians and separate objects out.",
         epilog='example: python -m engine reconstruct photos --out scene --prompts "vase, teapot"',
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in COMMANDS:
+    for module in map(load_command, names):
         command = commands.add_parser(
             module.NAME,
             help=module.HELP,
@@ -48,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments : sequence of str, optional
         Without the name of the program; by default those of the process.
     """
-    options = build_parser().parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
+    options = build_parser([one for one in given[:1] if one in COMMANDS] or COMMANDS).parse_args(given)
     project: Path | None = getattr(options, options.log_in, None)
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:
@@ -81,6 +82,8 @@ def _translate(error: Exception, project: Path | None) -> HeritageError:
     if is_out_of_memory(error):
         return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
     if isinstance(error, ModuleNotFoundError):
+        from .doctor import missing_package
+
         return missing_package(error.name)
     if isinstance(error, OSError) and error.strerror:
         which = error.filename or project or "A file"

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from .axes import Up, file_from_z_up
-from .glb import read_glb, write_glb
-from .kinds import READ_SUFFIXES, kind_of, read_other
-from .ksplat import read_ksplat
-from .origin import moved_far
-from .ply import PlyFile, read_ply, read_ply_file, write_ply
-from .render_mode import ANTIALIASED_NOTE
-from .sog import DecodePicture, read_sog
-from .sog_writing import EncodePicture, write_sog
-from .spherical_harmonics import SH_C0
-from .splat import read_splat
-from .spz import read_spz, write_spz
-from .table import DEFAULT_FORMAT, FORMATS, FileFacts, Format, WritingTools, format_of, write_scene
-from .transform import logits_of, rotations_from_quats, transform_gaussians, unit_quats
-from .usd import has_openusd, write_usd
-from .usd_elsewhere import write_usd_elsewhere
-from .usd_reading import read_usd
+from typing import TYPE_CHECKING
+
+from ..core.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .axes import Up, file_from_z_up
+    from .glb import read_glb, write_glb
+    from .kinds import READ_SUFFIXES, kind_of, read_other
+    from .ksplat import read_ksplat
+    from .origin import moved_far
+    from .ply import PlyFile, read_ply, read_ply_file, write_ply
+    from .render_mode import ANTIALIASED_NOTE
+    from .sog import DecodePicture, read_sog
+    from .sog_writing import EncodePicture, write_sog
+    from .spherical_harmonics import SH_C0
+    from .splat import read_splat
+    from .spz import read_spz, write_spz
+    from .table import DEFAULT_FORMAT, FORMATS, FileFacts, Format, WritingTools, format_of, write_scene
+    from .transform import logits_of, rotations_from_quats, transform_gaussians, unit_quats
+    from .usd import has_openusd, write_usd
+    from .usd_elsewhere import write_usd_elsewhere
+    from .usd_reading import read_usd
 
 __all__ = [
     "ANTIALIASED_NOTE",
@@ -59,3 +64,5 @@ __all__ = [
     "write_usd",
     "write_usd_elsewhere",
 ]
+
+__getattr__ = lazy_exports(__name__, __file__)

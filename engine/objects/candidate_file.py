@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
-from ..core.arrays import Mask, Pixels
+from ..core.arrays import Float32, Mask, Pixels
 from ..core.errors import FormatError, PromptError
 from ..core.files import (
     ArraySpec,
@@ -19,18 +19,20 @@ from ..core.files import (
     delete_derived,
     optional,
     path_within,
-    read_array,
+    read_arrays,
     read_json,
     write_json,
 )
 from ..pictures import write_png
-from .photos import Photos
 from .votes import MaskEvidence
+
+if TYPE_CHECKING:
+    from .photos import Photos
 
 __all__ = ["CANDIDATES", "StoredCandidate", "cut_out", "forget_candidates", "load_candidate", "remember_candidates"]
 
 CANDIDATES = "objects/candidates.json"
-_PICTURES, _MEMBERS = "objects/_candidates", "objects/_candidates/{}.npy"
+_PICTURES, _ARRAYS = "objects/_candidates", "objects/_candidates/{}.npz"
 _VERSION = 1
 _ADVICE = "Ask for the text again."
 _SCHEMA = {
@@ -53,6 +55,8 @@ _SCHEMA = {
             "object": optional((str, None)),
             "detector": str,
             "n_scene_gaussians": int,
+            "graph": str,
+            "fingerprint": str,
         }
     ],
 }
@@ -69,10 +73,12 @@ class StoredCandidate:
     score : float
         0 to 1.
     photo : str
-    members : array of shape [N], bool
-        Its Gaussians.
-    detector : str
-        Name of the detector that was asked.
+    members, undecided, mask, example
+        Those of its `MaskEvidence`; without `example` no rows.
+    graph : str
+        Key of the graph of the scene.
+    detector, fingerprint : str
+        Of the detector that was asked.
     object_id : str
         Id of the stored object that it is; empty for none.
     """
@@ -81,7 +87,12 @@ class StoredCandidate:
     score: float
     photo: str
     members: Mask
+    undecided: Mask
+    mask: Mask
+    example: Float32
+    graph: str
     detector: str
+    fingerprint: str
     object_id: str
 
 
@@ -102,7 +113,9 @@ def remember_candidates(
     offer: str = "",
     alike: Sequence[str] = (),
     same: Sequence[str | None] = (),
+    graph: str = "",
     detector: str = "",
+    fingerprint: str = "",
 ) -> None:
     """Store a refused text, why it was refused, and its nearest candidates. Those of other texts stay.
 
@@ -111,7 +124,7 @@ def remember_candidates(
     project : Path
     text, message : str
     candidates : sequence of MaskEvidence
-        With their Gaussians, the best first.
+        With their Gaussians and those that are undecided, the best first.
     photos : Photos or None
         Needed where there are candidates.
     suggestions : sequence of str
@@ -122,8 +135,10 @@ def remember_candidates(
         Ids of stored objects whose names are spelt nearly like the text.
     same : sequence of (str or None)
         For each candidate, the id of the object that it is.
-    detector : str
-        Name of the detector that was asked.
+    graph : str
+        Key of the graph of the scene.
+    detector, fingerprint : str
+        Of the detector that was asked.
 
     Raises
     ------
@@ -138,15 +153,18 @@ def remember_candidates(
     last = max((entry["number"] for entry in stored["candidates"]), default=0)
     known_as = [*same, *[None] * (len(candidates) - len(same))]
     for number, (candidate, object_id) in enumerate(zip(candidates, known_as, strict=True), last + 1):
-        assert photos is not None and candidate.members is not None
+        assert photos is not None and candidate.members is not None and candidate.undecided is not None
         view, picture = candidate.view, f"{_PICTURES}/{number}.png"
         mask = view.to_photo(candidate.mask)
         if not mask.any():
             # A mask of a few pixels in the view's frame may vanish at the size of the photo.
             mask[len(mask) // 2, mask.shape[1] // 2] = True
         write_png(project / picture, cut_out(photos.pixels(view.camera), mask))
-        with atomic_write(project / _MEMBERS.format(number)) as stream:
-            np.save(stream, np.packbits(candidate.members))
+        arrays = {name: np.packbits(getattr(candidate, name), axis=-1) for name in ("members", "undecided", "mask")}
+        if candidate.example is not None:
+            arrays["example"] = candidate.example
+        with atomic_write(project / _ARRAYS.format(number)) as stream:
+            np.savez_compressed(stream, width=candidate.mask.shape[1], **arrays)
         framed = np.pad(mask, 1).astype(np.uint8)
         x, y = cv2.minMaxLoc(cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_3)[1:-1, 1:-1])[3]
         left, top, width, height = cv2.boundingRect(framed[1:-1, 1:-1])
@@ -158,6 +176,8 @@ def remember_candidates(
             "picture": picture,
             "object": object_id,
             "detector": detector,
+            "fingerprint": fingerprint,
+            "graph": graph,
         }
         counts = {"n_gaussians": int(candidate.members.sum()), "n_scene_gaussians": len(candidate.members)}
         entries.append({**known, **place, **counts})
@@ -202,11 +222,31 @@ def load_candidate(project: Path, number: int) -> StoredCandidate:
     if (found := stored.get(number)) is None:
         known = ", ".join(f"{other} ({entry['text']})" for other, entry in stored.items()) or "none"
         raise PromptError(f"There is no candidate {number}. Known: {known}.")
-    count, file = found["n_scene_gaussians"], path_within(project, *_MEMBERS.format(number).split("/"))
-    packed = read_array(file, ArraySpec("uint8", (-(-count // 8),)), advice=_ADVICE)
-    members = np.unpackbits(packed, count=count).astype(bool)
-    known = found.get("object") or ""
-    return StoredCandidate(found["text"], float(found["score"]), found["photo"], members, found["detector"], known)
+    count, file = found["n_scene_gaussians"], path_within(project, *_ARRAYS.format(number).split("/"))
+    sets = ArraySpec("uint8", (max(0, -(-count // 8)),))
+    specs = {
+        "members": sets,
+        "undecided": sets,
+        "mask": ArraySpec("uint8", ("h", "w")),
+        "width": ArraySpec("int64", ()),
+    }
+    read = read_arrays(file, specs, advice=_ADVICE, optional={"example": ArraySpec("float32", ("e",), finite=True)})
+    width, mask = int(read["width"]), read["mask"]
+    if not 8 * (mask.shape[1] - 1) < width <= 8 * mask.shape[1]:
+        raise FormatError(f"{file} is damaged. {_ADVICE}")
+    return StoredCandidate(
+        text=found["text"],
+        score=float(found["score"]),
+        photo=found["photo"],
+        members=np.unpackbits(read["members"], count=count).astype(bool),
+        undecided=np.unpackbits(read["undecided"], count=count).astype(bool),
+        mask=np.unpackbits(mask, axis=1, count=width).astype(bool),
+        example=read.get("example", np.zeros(0, np.float32)),
+        graph=found["graph"],
+        detector=found["detector"],
+        fingerprint=found["fingerprint"],
+        object_id=found.get("object") or "",
+    )
 
 
 def _read(project: Path) -> dict[str, Any]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy.special import expit, logit
+from collections.abc import Sequence
 
-from ..core.arrays import Float64
+import numpy as np
+from scipy.special import logit
+
+from ..core.arrays import Float64, Mask
 from .lifting import is_same
 from .looks import Looks
-from .proposals import LEAST_PROBABILITY, apart
 from .settings import SegmentSettings
 
 __all__ = ["N_OFFERED", "answers_of", "offers_of"]
@@ -18,6 +19,9 @@ N_OFFERED = 8
 
 _NEAR_ODDS = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Of versions of an object whose log-odds for a word differ by at most this, the likeliest whole one is offered."""
+
+_STORED_ODDS = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Log-odds that what is stored already loses: it has a name, so that another word is rarely meant for it."""
 
 _LEAST_SCORE = 1e-9
 """Scores are clipped to this and to one minus this: finite log-odds."""
@@ -50,7 +54,7 @@ def answers_of(looks: Looks, scores: Float64, settings: SegmentSettings) -> list
     return found
 
 
-def offers_of(looks: Looks, scores: Float64 | None) -> list[int]:
+def offers_of(looks: Looks, scores: Float64 | None, stored: Sequence[Mask] = ()) -> list[int]:
     """Return the whole objects of a scene that a refused word may mean, at most `N_OFFERED`, the best first.
 
     Parameters
@@ -58,22 +62,24 @@ def offers_of(looks: Looks, scores: Float64 | None) -> list[int]:
     looks : Looks
     scores : array of shape [K], float64, or None
         Of the proposals for the word; None where nothing is known of it: the likeliest objects come first then.
+    stored : sequence of bool arrays of shape [N]
+        Objects that have a name already. They come later, and each once.
     """
-    seen = np.isin(looks.like, looks.proposal)
-    if scores is None:
-        likely = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
-        return [number for number in likely if seen[number]][:N_OFFERED]
-    odds = logit(np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE))
+    members, seen = looks.members, np.isin(looks.like, looks.proposal)
+    odds = looks.odds if scores is None else logit(np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE))
+    owner = [next((k for k, one in enumerate(stored) if is_same(one, each)), None) for each in members]
+    odds = odds - _STORED_ODDS * np.array([one is not None for one in owner])
     found: list[int] = []
 
     def is_offered(number: int) -> bool:
-        return any(is_same(looks.members[number], looks.members[other]) for other in found)
+        taken = {owner[other] for other in found} - {None}
+        return owner[number] in taken or any(is_same(members[number], members[other]) for other in found)
 
-    for number in map(int, np.argsort(-scores, kind="stable")):
+    for number in map(int, np.argsort(-odds, kind="stable")):
         if not seen[number] or is_offered(number):
             continue
         near = np.flatnonzero(seen & (odds >= odds[number] - _NEAR_ODDS))
-        versions = [k for k in near if is_same(looks.members[k], looks.members[number]) and not is_offered(int(k))]
+        versions = [k for k in near if is_same(members[k], members[number]) and not is_offered(int(k))]
         found.append(int(max(versions, key=lambda k: float(looks.odds[k]))))
         if len(found) == N_OFFERED:
             break

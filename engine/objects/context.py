@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from ..core.arrays import Float32, Int32
+from ..core.arrays import Float32, Int32, Mask
 from ..core.errors import Cancelled, EnvironmentProblem, FormatError
 from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
 from ..pictures import Scene
@@ -17,9 +17,10 @@ from ..project.folder import ProjectFolder
 from ..project.own_words import OwnWords
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
-from .graph import SceneGraph, load_or_build_graph
+from .graph import SceneGraph, load_or_build_graph, read_graph
+from .known_objects import stored_memberships
 from .photos import Photos, SamFactory
-from .settings import SegmentSettings
+from .settings import DEFAULT_THRESHOLD, SegmentSettings
 from .views import Views
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ class SegmentationContext:
         The same in memory, by name.
     own_words : OwnWords or None
         The user's own vocabulary; None in a project that does not learn.
+    stored : callable
+        Returns the Gaussians, bool [N], of the objects that are stored now, but of the background, by id.
     """
 
     views: Views
@@ -65,6 +68,7 @@ class SegmentationContext:
     folder: Path | None = None
     kept: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
     own_words: OwnWords | None = None
+    stored: Callable[[], Mapping[str, Mask]] = dict
 
     def once(self, name: str, make: Callable[[], Made]) -> Made:
         """Return what `make` returned when this was first called with `name`."""
@@ -92,10 +96,19 @@ class SegmentationContext:
     @property
     def graph(self) -> SceneGraph:
         """The graph of the scene, made at its first use. Raises `Cancelled` when that is stopped."""
-        file = None if self.folder is None else self.folder / "graph.npz"
         return self.once("graph", lambda: load_or_build_graph(
-            file, self.views, self.label_maps, n_views=self.settings.n_vote_views, should_stop=self.should_stop
+            self._graph_file, self.views, self.label_maps,
+            n_views=self.settings.n_vote_views, should_stop=self.should_stop,
         ))  # fmt: skip
+
+    @property
+    def _graph_file(self) -> Path | None:
+        return None if self.folder is None else self.folder / "graph.npz"
+
+    def with_kept_graph(self, key: str) -> SegmentationContext:
+        """Return the context with the graph of this key, if it is kept: no segment needs to be read to know that."""
+        graph = None if self._graph_file is None else read_graph(self._graph_file, key, len(self.means))
+        return self if graph is None else replace(self, kept={**self.kept, "graph": graph})
 
     @property
     def means(self) -> Float32:
@@ -167,6 +180,11 @@ def load_context(
 
     project.require_intact("cameras", "training")
     cameras = read_camera_set(project.path / "cameras")
+
+    def stored() -> dict[str, Mask]:
+        each = stored_memberships(project.path, len(scene))
+        return {key: membership >= DEFAULT_THRESHOLD for key, membership in each.items()}
+
     scene = scene_on(device, load_gaussians(project.path / "gaussians"), emit)
     return SegmentationContext(
         Views(scene, cameras, render_side=settings.render_side),
@@ -178,6 +196,7 @@ def load_context(
         should_stop,
         project.path / "groups",
         own_words=own_words,
+        stored=stored,
     )
 
 
@@ -207,9 +226,29 @@ def photo_folder_of(project: ProjectFolder) -> Path:
     return Path(folder)
 
 
-def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, Int32]:
-    """Return the SAM label maps that were made for training, by photo."""
-    from ..masks import label_map_path, read_label_map
+def label_maps_of(project: Path, cameras: CameraSet) -> Mapping[str, Int32]:
+    """Return the SAM label maps that were made for training, by photo, each read at its first use."""
+    from ..masks import label_map_path
 
     files = {camera.photo: label_map_path(project / "masks", camera.photo) for camera in cameras.cameras}
-    return {photo: read_label_map(file) for photo, file in files.items() if file.is_file()}
+    return _LabelMaps({photo: file for photo, file in files.items() if file.is_file()})
+
+
+class _LabelMaps(Mapping[str, Int32]):
+    """The label maps in files by photo."""
+
+    def __init__(self, files: Mapping[str, Path]) -> None:
+        self._files, self._read = files, dict[str, Int32]()
+
+    def __getitem__(self, photo: str) -> Int32:
+        from ..masks import read_label_map
+
+        if photo not in self._read:
+            self._read[photo] = read_label_map(self._files[photo])
+        return self._read[photo]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._files)
+
+    def __len__(self) -> int:
+        return len(self._files)

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..core.arrays import Float32, Floats, Mask
 from ..core.errors import PromptError
@@ -187,6 +186,8 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
     array of shape [M], bool
     """
     total = float(weights.sum())
+    from scipy.spatial import cKDTree  # accepting a picture shall not wait for it
+
     if len(points) <= 2 or total <= 0:
         return np.ones(len(points), bool)
     share = weights.astype(np.float64) / total

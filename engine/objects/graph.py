@@ -25,7 +25,9 @@ from ..project.folder import stage_key
 from .views import OUTER, Views, spread_cameras
 from .votes import Votes
 
-__all__ = ["BELONGS", "MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
+__all__ = [
+    "BELONGS", "MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph", "read_graph",
+]  # fmt: skip
 
 _VERSION = "graph 4"
 
@@ -355,13 +357,18 @@ def load_or_build_graph(
     for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
         digest.update(np.ascontiguousarray(array).data)
     recipe = stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
-    stored = None if file is None else read_kept_arrays(file, recipe, _SPECS)
-    graph = None if stored is None else _from_arrays(stored, len(views.scene))
+    graph = None if file is None else read_graph(file, recipe, len(views.scene))
     if graph is None:
-        graph = build_graph(views, label_maps, n_views=n_views, should_stop=should_stop)
+        graph = replace(build_graph(views, label_maps, n_views=n_views, should_stop=should_stop), key=recipe)
         if file is not None:
             keep_arrays(file, recipe, _to_arrays(graph))
-    return replace(graph, key=recipe)
+    return graph
+
+
+def read_graph(file: Path, key: str, count: int) -> SceneGraph | None:
+    """Return the graph of `count` Gaussians that is kept in `file`; None for a missing, damaged or another one."""
+    stored = read_kept_arrays(file, key, _SPECS)
+    return None if stored is None else _from_arrays(stored, count, key)
 
 
 _MATRICES = ("neighbours", "segments")
@@ -382,7 +389,7 @@ def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
     return {name: array.astype(_SPECS[name].dtype, copy=False) for name, array in arrays.items()}
 
 
-def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | None:
+def _from_arrays(arrays: dict[str, NDArray[Any]], count: int, key: str) -> SceneGraph | None:
     """Return the graph; None when the arrays are not its matrices."""
     photo, photos = arrays["photo"], tuple(arrays["photos"].tolist())
     right = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
@@ -395,4 +402,4 @@ def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | No
         except ValueError:
             return None
         right = right and not (matrices[name].data < 0).any()
-    return SceneGraph(photo=photo, photos=photos, **matrices) if right else None
+    return SceneGraph(photo=photo, photos=photos, key=key, **matrices) if right else None

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from ..core.arrays import Float32, Mask
 from ..core.errors import PromptError
@@ -18,7 +19,7 @@ from .votes import MaskEvidence, Votes, count_votes
 
 __all__ = [
     "BELOW_THRESHOLD", "MAX_COMMON", "NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels",
-    "corrected", "fit_of", "is_same", "isolate_object", "levels_of_each",
+    "corrected", "fit_of", "is_same", "isolate_kept", "isolate_object", "levels_of_each",
 ]  # fmt: skip
 
 NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
@@ -131,6 +132,33 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
         raise PromptError(NONE_BEHIND if len(shown) == len(evidence) else NONE_LEFT)
     found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
     return replace(found, fit=fit_of(shown[0], found.members, context.views))
+
+
+def isolate_kept(context: SegmentationContext, item: MaskEvidence, key: str) -> FoundObject:
+    """Return the object of known members as `isolate_object` does, without rendering anything.
+
+    Its fit is the IoU with the members in the pixels of all photos of the graph.
+
+    Parameters
+    ----------
+    context : SegmentationContext
+    item : MaskEvidence
+        With its members and which Gaussians are undecided.
+    key : str
+        Of the graph of the scene.
+
+    Raises
+    ------
+    PromptError, Cancelled
+        As `isolate_object`.
+    """
+    context = context.with_kept_graph(key)
+    (levels,) = levels_of_each(context, [item])
+    if levels is None:
+        raise PromptError(NONE_BEHIND)
+    found = FoundObject(levels, item.score, 0.0, (item,))
+    both = (csr_matrix(one[None], dtype=np.float32) for one in (found.members, item.members))
+    return replace(found, fit=float(context.graph.iou(*both)[0, 0]))
 
 
 def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence]) -> Iterator[Levels | None]:

@@ -231,6 +231,11 @@ class Looks:
         view = views.of(views.cameras.by_photo[self.photo[int(sizes.argmax())]])
         return MaskEvidence(view, next(views.visible_masks(view, members[None])), score, members=members)
 
+    def example(self, number: int, detector: Detector) -> Float32 | None:
+        """Return what a proposal teaches as an example of a word, [E]; None where no photo describes it."""
+        rows = self.described[self.proposal == self.like[number]]
+        return detector.example_vectors(rows).mean(axis=0) if rows.size else None
+
 
 def build_looks(context: SegmentationContext) -> Looks:
     """Return what may be an object, as the detector describes it in photos that show it large and whole.

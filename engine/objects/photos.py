@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.arrays import Mask, Pixels
-from ..photos import load_pixels
 from ..scene import Camera
 from .prompts import Place
 from .settings import SegmentSettings
@@ -55,6 +54,8 @@ class Photos:
         return self._sam_factory()
 
     def _load(self, name: str) -> Pixels:
+        from ..photos import load_pixels  # accepting a picture reads no photo
+
         pixels = load_pixels(self._folder / name, max_side=self._side)
         pixels.setflags(write=False)
         return pixels

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..core.arrays import Mask
@@ -12,10 +13,9 @@ from .candidate_file import remember_candidates
 from .context import SegmentationContext
 from .evidence import meant_by
 from .grounding import offered_model
-from .known_objects import BACKGROUND, stored_memberships
+from .known_objects import BACKGROUND
 from .lifting import is_same
-from .settings import DEFAULT_THRESHOLD
-from .votes import MaskEvidence
+from .votes import MaskEvidence, undecided_by
 
 __all__ = ["remember_refusal"]
 
@@ -52,20 +52,23 @@ def remember_refusal(
     alike = similarly_spelt([normalised(text)], ids)
     if alike:
         message += f" The scene has an object that is called {' or '.join(map(repr, alike))}."
-    stored = {key: one >= DEFAULT_THRESHOLD for key, one in stored_memberships(project, len(context.means)).items()}
+    stored = context.stored()
     same = [_stored_as(one, stored) for one in candidates]
+    whole = [replace(one, undecided=undecided_by(context.views, one)) for one in candidates]
     remember_candidates(
-        project, text, message, candidates, context.photos,
+        project, text, message, whole, context.photos,
         suggestions=suggestions or meant_by(text, context.detector),
         offer=offered_model(context.detector.name),
         alike=[ids[name] for name in alike],
         same=same,
+        graph=context.graph.key if candidates else "",
         detector=context.detector.name,
+        fingerprint=context.detector.fingerprint,
     )  # fmt: skip
     return message
 
 
-def _stored_as(candidate: MaskEvidence, stored: dict[str, Mask]) -> str | None:
+def _stored_as(candidate: MaskEvidence, stored: Mapping[str, Mask]) -> str | None:
     """Return the id of the stored object that a candidate is a version of; None for no object."""
     assert candidate.members is not None
     return next((key for key, members in stored.items() if is_same(members, candidate.members)), None)

@@ -173,8 +173,9 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
 
 def _offered(looks: Looks, scores: Float64 | None, context: SegmentationContext) -> list[MaskEvidence]:
     """Return what `offers_of` offers as evidence, with score 0 where nothing is known of the word."""
-    numbers = offers_of(looks, scores)
-    return [looks.evidence(number, 0.0 if scores is None else float(scores[number]), context) for number in numbers]
+    numbers, detector = offers_of(looks, scores, list(context.stored().values())), context.detector
+    each = (looks.evidence(number, 0.0 if scores is None else float(scores[number]), context) for number in numbers)
+    return [replace(one, example=looks.example(number, detector)) for number, one in zip(numbers, each, strict=True)]
 
 
 def find_everything(context: SegmentationContext) -> list[FoundObject]:

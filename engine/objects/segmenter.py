@@ -1,4 +1,7 @@
-"""The objects of a trained project: isolated, corrected and stored."""
+"""The objects of a trained project: isolated, corrected and stored.
+
+What searches, and what trains detail, is imported where it is used: accepting a picture shall not wait for it.
+"""
 
 from __future__ import annotations
 
@@ -40,16 +43,13 @@ from ..rasterizer import PROCESSOR, Device
 from ..scene import Camera, PinholeCamera, load_detailed
 from .candidate_file import cut_out, forget_candidates, load_candidate
 from .context import DetectorFactory, SegmentationContext, load_context
-from .detail import DetailPhotos, DetailResult, detail_object
 from .evidence import evidence_of_clicks
 from .known_objects import BACKGROUND, found_again, stored_memberships, was_changed
-from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_object
+from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_kept
 from .photos import SamFactory
 from .prompts import Point, Prompt, TextPrompt, describe_prompt
-from .refusals import remember_refusal
-from .segment import NoMatchError, find_everything, find_objects
 from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings
-from .teaching import learn
+from .teaching import learn, teach_kept
 from .votes import MaskEvidence
 
 __all__ = ["BACKGROUND", "Segmenter", "TextResult"]
@@ -129,6 +129,9 @@ class Segmenter:
             When no object was found. The nearest candidates of a text are then stored
             (`engine.objects.candidate_file`).
         """
+        from .refusals import remember_refusal
+        from .segment import NoMatchError, find_objects
+
         started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context
         try:
             found = find_objects(context.part(0, 2), prompt)
@@ -243,14 +246,15 @@ class Segmenter:
             self.emit(Warned(f"This is {known.name!r}, which exists already, so no second object was stored."))
             return [known]
         camera = context.views.cameras.by_photo.get(candidate.photo)
-        if camera is None or len(candidate.members) != len(context.means):
+        view = None if camera is None else context.views.of(camera)
+        if view is None or (len(candidate.members), candidate.mask.shape) != (len(context.means), view.within.shape):
             raise PromptError("The scene has changed since this candidate was offered. Ask for the text again.")
-        view = context.views.of(camera)
-        mask = next(context.views.visible_masks(view, candidate.members[None]))
-        found = isolate_object(context, [MaskEvidence(view, mask, 1.0, members=candidate.members)])
+        item = MaskEvidence(view, candidate.mask, 1.0, members=candidate.members, undecided=candidate.undecided)
+        found = isolate_kept(context, item, candidate.graph)
         asked = describe_prompt(TextPrompt(candidate.text))
         asked |= {"detector": candidate.detector, "accepted": True}
-        return self._store(context.part(1, 2), [found], asked, name or candidate.text, started)
+        example = (candidate.example, candidate.detector, candidate.fingerprint)
+        return self._store(context.part(1, 2), [found], asked, name or candidate.text, started, example=example)
 
     def refine(self, name: str, clicks: Sequence[Point], excluded: Sequence[Point]) -> ObjectRecord:
         """Correct a stored object by clicks; at least one.
@@ -343,6 +347,8 @@ class Segmenter:
         why: str,
     ) -> ObjectRecord:
         """Store an object with detail from the photos. The old one is copied to the trash, whose list says `why`."""
+        from .detail import DetailPhotos, DetailResult, detail_object
+
         members, path = membership >= record.threshold, self.project.path
         known = load_detailed(path, record.id)
         if known is not None and np.array_equal(known.rows, np.flatnonzero(members)):
@@ -388,6 +394,8 @@ class Segmenter:
         PromptError
             When the scene contains nothing but background.
         """
+        from .segment import find_everything
+
         started = time.perf_counter()
         found = find_everything(self.context.part(0, 2))
         existing = stored_memberships(self.project.path, len(self.context.means))
@@ -439,10 +447,13 @@ class Segmenter:
         asked: dict[str, Any],
         name: str,
         started: float,
+        *,
+        example: tuple[Float32, str, str] | None = None,
     ) -> list[ObjectRecord]:
         """Store objects, each under a name of its own, and return their records.
 
-        One without an id that has exactly the Gaussians of a stored object is that object.
+        One without an id that has exactly the Gaussians of a stored object is that object. `example` is what is known
+        of one new object: what it teaches, and name and fingerprint of the detector that described it.
         """
         names = {record.id: record.name for record in list_objects(self.project.path)}
         existing = [None if item.id else self._same_as(item.members, asked) for item in found]
@@ -467,7 +478,10 @@ class Segmenter:
             levels = item.levels.memberships
             save_object(self.project.path, record, item.membership, levels=levels, pictures=pictures)
             records.append(record)
-        self.learn()
+        if example is None or not len(example[0]):
+            self.learn()
+        elif self.own_words is not None:
+            teach_kept(self.project, self.own_words, records[0], *example)
         return records
 
     def _same_as(self, members: Mask, asked: dict[str, Any]) -> ObjectRecord | None:

@@ -8,16 +8,16 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 
+from ..core.arrays import Float32
 from ..core.words import normalised
 from ..project.folder import ProjectFolder, stage_key
 from ..project.objects import ObjectRecord, list_objects, membership_in
 from ..project.own_words import Example, OwnWords, same_word
 from .context import SegmentationContext
 from .known_objects import BACKGROUND
-from .looks import describe_members
 from .spatial import parse_spatial
 
-__all__ = ["learn", "taught_word"]
+__all__ = ["learn", "taught_word", "teach_kept"]
 
 _UNNAMED = "object"
 """Name of an object that was clicked, boxed or painted and not named, see `engine.cli.commands.segment`."""
@@ -64,24 +64,61 @@ def learn(project: ProjectFolder, own: OwnWords, context: SegmentationContext) -
     Cancelled
         When the user stops.
     """
+    from .looks import describe_members  # what was kept is taught without it
+
     wanted = [(record, word) for record in list_objects(project.path) if (word := taught_word(record))]
     if not wanted or not (fingerprint := context.detector.fingerprint):
         return []
     known = {one.source: (one.word, one.state) for one in own.examples(fingerprint)}
-    scene, found = project.recorded_outputs("training"), []
+    found = []
     for record, word in wanted:
         if record.n_scene_gaussians != len(context.means):
             continue
-        source = stage_key(scene, record.id)[:32]
-        state = stage_key(record.created, record.n_gaussians, record.threshold, record.level, list(record.refined))[:32]
+        source, state = _source_and_state(project, record)
         if known.get(source) == (word, state):
             continue
         members = membership_in(project.path, record, len(context.means)) >= record.threshold
         rows = context.detector.example_vectors(describe_members(members, context))
         if len(rows):
-            now = datetime.now(UTC).isoformat(timespec="seconds")
-            vector = rows.mean(axis=0)
-            found.append(Example(word, source, state, context.detector.name, fingerprint, now, vector))
+            found.append(Example(word, source, state, context.detector.name, fingerprint, _now(), rows.mean(axis=0)))
     if found:
         own.add(found)
     return list(dict.fromkeys(one.word for one in found))
+
+
+def teach_kept(
+    project: ProjectFolder, own: OwnWords, record: ObjectRecord, example: Float32, detector: str, fingerprint: str
+) -> None:
+    """Teach the word of an object whose description was kept, so that no model is needed.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    own : OwnWords
+    record : ObjectRecord
+        Of the stored object.
+    example : array of shape [E], float32
+        The mean of its `Detector.example_vectors`.
+    detector, fingerprint : str
+        Of the detector that described it.
+
+    Raises
+    ------
+    FormatError
+        When the vocabulary is damaged.
+    PromptError, DiskError, ProjectInUse
+        As of `OwnWords.add`.
+    """
+    if word := taught_word(record):
+        own.add([Example(word, *_source_and_state(project, record), detector, fingerprint, _now(), example)])
+
+
+def _source_and_state(project: ProjectFolder, record: ObjectRecord) -> tuple[str, str]:
+    """Return hashes that name an object, and that change when it is changed."""
+    scene = project.recorded_outputs("training")
+    state = stage_key(record.created, record.n_gaussians, record.threshold, record.level, list(record.refined))
+    return stage_key(scene, record.id)[:32], state[:32]
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

@@ -1,4 +1,4 @@
-"""Views of a scene's features and Gaussians from the cameras of its photos, each rendered once."""
+"""Views of a scene's features and Gaussians from the cameras of its photos, whose features are rendered once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..cameras import covering_pinhole, distort, is_point_visible, undistort
 from ..core.arrays import Float32, Floats, Int32, Mask
 from ..core.errors import ObjectError
-from ..pictures import Scene, normalized
+from ..pictures import Rendered, Scene, normalized
 from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Camera, CameraSet, PinholeCamera
 
@@ -39,7 +39,7 @@ OUTER = 0.05
 
 @dataclass(frozen=True)
 class View:
-    """Rendered features of one photo.
+    """The frame of one photo, and the features of a scene in it, which are rendered at their first use.
 
     Attributes
     ----------
@@ -47,19 +47,29 @@ class View:
         Of the photo.
     frame : PinholeCamera
         An undistorted picture of h x w pixels that contains the whole photo.
-    features : array of shape [h, w, D], float32
-        At unit length.
-    covered : array of shape [h, w], bool
-        Pixels of `within` of which Gaussians cover more than half.
     within : array of shape [h, w], bool
         Pixels inside of the photo.
+    scene : Scene
     """
 
     camera: Camera
     frame: PinholeCamera
-    features: Float32
-    covered: Mask
     within: Mask
+    scene: Scene
+
+    @cached_property
+    def features(self) -> Float32:
+        """Features at unit length, [h, w, D]."""
+        return normalized(self._rendered.channels)
+
+    @cached_property
+    def covered(self) -> Mask:
+        """Pixels of `within` of which Gaussians cover more than half, [h, w]."""
+        return np.asarray((self._rendered.alpha > _COVERED_ALPHA) & self.within)
+
+    @cached_property
+    def _rendered(self) -> Rendered:
+        return self.scene.render(self.frame, channels=self.scene.gaussians.features)
 
     def from_photo(self, mask: Mask) -> Mask:
         """Return a mask of the photo, bool at any resolution, in the frame, [h, w]."""
@@ -76,7 +86,7 @@ class View:
 
 @dataclass
 class Views:
-    """Views of one scene, each rendered at its first use.
+    """Views of one scene, each made at its first use.
 
     Attributes
     ----------
@@ -124,11 +134,9 @@ class Views:
         """Return the view of a photo."""
         if camera.photo not in self._views:
             frame = covering_pinhole(camera, max_side=self.render_side)
-            rendered = self.scene.render(frame, channels=self.scene.gaussians.features)
             photo = np.ones((frame.height, frame.width), np.uint8)
             within = np.asarray(undistort(photo, camera, frame, interpolation="nearest")) > 0
-            covered = (rendered.alpha > _COVERED_ALPHA) & within
-            self._views[camera.photo] = View(camera, frame, normalized(rendered.channels), covered, within)
+            self._views[camera.photo] = View(camera, frame, within, self.scene)
         return self._views[camera.photo]
 
     def from_anywhere(self, camera: Camera | PinholeCamera) -> View:

@@ -9,7 +9,7 @@ import numpy as np
 from ..core.arrays import Float32, Mask
 from .views import View, Views
 
-__all__ = ["MaskEvidence", "Votes", "count_votes", "votes_of_known"]
+__all__ = ["MaskEvidence", "Votes", "count_votes", "undecided_by", "votes_of_known"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,10 @@ class MaskEvidence:
     members : array of shape [N], bool, or None
         The Gaussians of the object where they are known. They vote for it in place of the pixels of the mask, and all
         others against it but those that the mask shows.
+    undecided : array of shape [N], bool, or None
+        The Gaussians that the mask shows, where that was kept; see `undecided_by`.
+    example : array of shape [E], float32, or None
+        What the members teach as an example of a word, where that is known; see `Detector.example_vectors`.
     """
 
     view: View
@@ -35,6 +39,8 @@ class MaskEvidence:
     score: float
     excluded: bool = False
     members: Mask | None = None
+    undecided: Mask | None = None
+    example: Float32 | None = None
 
 
 @dataclass(frozen=True)
@@ -61,11 +67,22 @@ def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
     pixels : array of shape [N], float32
         Pixels with which each Gaussian votes where the members are known.
     """
-    masks = np.dstack([item.mask, item.view.within & ~item.mask]).astype(np.float32)
-    inside, outside = views.scene.votes(item.view.frame, masks).T
     if item.members is None:
-        return Votes(inside, outside)
-    return votes_of_known(item.members, pixels, undecided=inside > outside)
+        return Votes(*_shown_by(views, item))
+    undecided = undecided_by(views, item) if item.undecided is None else item.undecided
+    return votes_of_known(item.members, pixels, undecided=undecided)
+
+
+def undecided_by(views: Views, item: MaskEvidence) -> Mask:
+    """Return the Gaussians that a mask shows more than the rest of its photo does, [N]."""
+    inside, outside = _shown_by(views, item)
+    return np.asarray(inside > outside)
+
+
+def _shown_by(views: Views, item: MaskEvidence) -> Float32:
+    """Return the pixels that each Gaussian contributes to a mask, and to the rest of its photo, [2, N]."""
+    masks = np.dstack([item.mask, item.view.within & ~item.mask]).astype(np.float32)
+    return views.scene.votes(item.view.frame, masks).T
 
 
 def votes_of_known(members: Mask, pixels: Float32, *, undecided: Mask | bool = False) -> Votes:

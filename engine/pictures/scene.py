@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from ..core.arrays import Float32
 from ..core.errors import EnvironmentProblem
-from ..rasterizer import MAX_CHANNELS, rasterize
-from ..rasterizer.settings import Backend, RasterSettings
+from ..rasterizer.settings import MAX_CHANNELS, Backend, RasterSettings
 from ..scene import Gaussians, PinholeCamera
 
 if TYPE_CHECKING:
-    from ..rasterizer import CachedView, GpuScene
+    import torch
+
+    from ..rasterizer import CachedView, GpuScene, Raster
 
 __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
@@ -87,11 +87,11 @@ class Scene:
         self._settings = RasterSettings(antialiased=gaussians.antialiased)
         self._on_failure = on_failure
         self._card: GpuScene | None = None
-        self._means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
-        self._quats = torch.from_numpy(np.ascontiguousarray(gaussians.quats))
-        self._scales = torch.from_numpy(np.ascontiguousarray(gaussians.scales))
-        self._opacities = torch.from_numpy(np.ascontiguousarray(gaussians.opacities))
-        self._sh = torch.from_numpy(np.ascontiguousarray(gaussians.sh))
+        self._means = np.ascontiguousarray(gaussians.means)
+        self._quats = np.ascontiguousarray(gaussians.quats)
+        self._scales = np.ascontiguousarray(gaussians.scales)
+        self._opacities = np.ascontiguousarray(gaussians.opacities)
+        self._sh = np.ascontiguousarray(gaussians.sh)
         self._cached_views: OrderedDict[int, tuple[PinholeCamera, CachedView]] = OrderedDict()
 
     def __len__(self) -> int:
@@ -138,18 +138,11 @@ class Scene:
         if channels is not None and not color and self.backend == "cpu":
             image, transmittance = self._cached_view(camera).blend(np.ascontiguousarray(channels, np.float32))
             return Rendered(image, 1.0 - transmittance)
+        import torch
+
+        given = None if channels is None else torch.from_numpy(np.ascontiguousarray(channels, np.float32))
         with torch.no_grad():
-            raster = rasterize(
-                self._means,
-                self._quats,
-                self._scales,
-                self._opacities,
-                camera=camera,
-                sh=self._sh if color else None,
-                channels=None if channels is None else torch.from_numpy(np.ascontiguousarray(channels, np.float32)),
-                backend=self.backend,
-                settings=self._settings,
-            )
+            raster = self._rasterized(camera, given, color=color)
         return Rendered(raster.image.numpy(), 1.0 - raster.transmittance.numpy())
 
     def share(self, camera: PinholeCamera, members: NDArray[np.bool_]) -> Float32:
@@ -207,20 +200,29 @@ class Scene:
             return np.hstack([self.votes(camera, weights[..., first : first + _CHANNELS_PER_PASS]) for first in firsts])
         if self.backend == "cpu":
             return self._cached_view(camera).votes(np.ascontiguousarray(weights, np.float32))
+        import torch
+
         channels = torch.zeros(len(self), weights.shape[2], requires_grad=True)
-        raster = rasterize(
-            self._means,
-            self._quats,
-            self._scales,
-            self._opacities,
+        raster = self._rasterized(camera, channels, color=False)
+        raster.image.backward(torch.from_numpy(np.ascontiguousarray(weights, np.float32)))
+        assert channels.grad is not None
+        return channels.grad.numpy()
+
+    def _rasterized(self, camera: PinholeCamera, channels: torch.Tensor | None, *, color: bool) -> Raster:
+        """Return what PyTorch's rasterizer makes of the Gaussians and channels, [N, C], on the processor."""
+        import torch
+
+        from ..rasterizer import rasterize
+
+        geometry = (self._means, self._quats, self._scales, self._opacities)
+        return rasterize(
+            *(torch.from_numpy(array) for array in geometry),
             camera=camera,
+            sh=torch.from_numpy(self._sh) if color else None,
             channels=channels,
             backend=self.backend,
             settings=self._settings,
         )
-        raster.image.backward(torch.from_numpy(np.ascontiguousarray(weights, np.float32)))
-        assert channels.grad is not None
-        return channels.grad.numpy()
 
     def _on_card(self, compute: Callable[[GpuScene], _Result]) -> _Result | None:
         """Return what `compute` returns for the Gaussians on the graphics card; None if the processor takes over."""
@@ -228,9 +230,9 @@ class Scene:
 
         try:
             if self._card is None:
-                arrays = (self._means, self._quats, self._scales, self._opacities, self._sh)
-                means, quats, scales, opacities, sh = (array.numpy() for array in arrays)
-                self._card = scene_on_card(means, quats, scales, opacities, sh, self._settings)
+                self._card = scene_on_card(
+                    self._means, self._quats, self._scales, self._opacities, self._sh, self._settings
+                )
             return compute(self._card)
         except EnvironmentProblem as problem:
             self.leave_card(problem)
@@ -248,14 +250,7 @@ class Scene:
         from ..rasterizer import CachedView
 
         if id(camera) not in self._cached_views:
-            view = CachedView(
-                self._means.numpy(),
-                self._quats.numpy(),
-                self._scales.numpy(),
-                self._opacities.numpy(),
-                camera,
-                self._settings,
-            )
+            view = CachedView(self._means, self._quats, self._scales, self._opacities, camera, self._settings)
             # The camera is kept as well, so that its id is not reused for another object.
             self._cached_views[id(camera)] = (camera, view)
             while (

@@ -5,59 +5,23 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from types import ModuleType
 
-from . import (
-    batch,
-    doctor,
-    edit,
-    export,
-    frames,
-    measure,
-    models,
-    package,
-    plan,
-    reconstruct,
-    remote,
-    render,
-    report,
-    segment,
-    serve,
-    show_clicks,
-    trash,
-    turntable,
-    verify,
-    vocabulary,
-)
+__all__ = ["COMMANDS", "load_command"]
 
-__all__ = ["COMMANDS"]
-
-COMMANDS: tuple[ModuleType, ...] = (
-    plan,
-    frames,
-    reconstruct,
-    segment,
-    show_clicks,
-    vocabulary,
-    edit,
-    trash,
-    measure,
-    export,
-    package,
-    verify,
-    turntable,
-    render,
-    report,
-    models,
-    doctor,
-    serve,
-    batch,
-    remote,
-)
+COMMANDS: tuple[str, ...] = (
+    "plan", "frames", "reconstruct", "segment", "show-clicks", "vocabulary", "edit", "trash", "measure", "export",
+    "package", "verify", "turntable", "render", "report", "models", "doctor", "serve", "batch", "remote",
+)  # fmt: skip
+"""Names of the commands, in the order of the help."""
 
 # Commands that measure the engine; the extension's zip goes without what they need.
 if importlib.util.find_spec("...quality", __package__) is not None:
-    from . import bench, evaluate, stability
+    COMMANDS = (*COMMANDS, "evaluate", "bench", "stability")
 
-    COMMANDS = (*COMMANDS, evaluate, bench, stability)
+
+def load_command(name: str) -> ModuleType:
+    """Return the module of a command, which is called like it. The others are not imported: they cost start-up time."""
+    return importlib.import_module(f".{name.replace('-', '_')}", __package__)

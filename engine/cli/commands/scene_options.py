@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from ...core.errors import SettingsError
 from ...core.words import split_texts
-from ...pipeline.planning import PlanSettings
 from ...training.settings import PRESET_LIST
 
 if TYPE_CHECKING:
@@ -36,6 +35,8 @@ def describe_presets() -> str:
 
 def add_preset_option(parser: argparse.ArgumentParser) -> None:
     """Add ``--preset``."""
+    from ...pipeline.planning import PlanSettings  # reads photos, which most commands do not
+
     parser.add_argument(
         "--preset",
         choices=[preset.name for preset in PRESET_LIST],

@@ -248,7 +248,8 @@ def _pointed(
 def _accept(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
+    # What is accepted was rendered when it was offered.
+    segmenter, before = _segmenter(project, options, emit, should_stop, renders=False), object_ids(project.path)
     records = segmenter.accept_candidate(options.accept, options.name)
     return _stored(records, before, segmenter)
 

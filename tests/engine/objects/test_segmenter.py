@@ -263,8 +263,8 @@ def test_candidate_of_another_scene_is_not_accepted(blobs: BlobScene, project: P
     save_gaussians(project.path / "gaussians", replace(gaussians, **fewer))
     with pytest.raises(PromptError, match="The scene has changed since this candidate was offered"):
         segmenter_of(project, blobs, SMALL).accept_candidate(1, None)
-    (project.path / "objects" / "_candidates" / "1.npy").write_bytes(b"damaged")
-    with pytest.raises(FormatError, match=r"1\.npy.*Ask for the text again"):
+    (project.path / "objects" / "_candidates" / "1.npz").write_bytes(b"damaged")
+    with pytest.raises(FormatError, match=r"1\.npz.*Ask for the text again"):
         load_candidate(project.path, 1)
 
 

@@ -127,7 +127,7 @@ def test_run_killed_before_a_damaged_object_was_isolated_again_is_continued(
     def killed(*_: object, **__: object) -> ObjectRecord:
         raise KeyboardInterrupt
 
-    for place in ("engine.project.objects.keep_version", "engine.objects.segmenter.find_objects"):
+    for place in ("engine.project.objects.keep_version", "engine.objects.segment.find_objects"):
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
             patch.setattr(place, killed)
             run()
