@@ -12,7 +12,7 @@ import itertools
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ from engine.pictures import write_png
 from engine.project.folder import ProjectFolder, stage_key
 from engine.quality.evaluation.gaussian_truth import gaussian_truth
 from engine.quality.evaluation.ground_truth import GroundTruth, read_ground_truth
-from engine.quality.evaluation.results import FOUND_IOU
+from engine.quality.evaluation.results import FOUND_IOU, WHOLE_IOU
 
 from ..documents import print_table
 
@@ -146,9 +146,7 @@ def asked(room: Measured, scores: Float64, kind: str, detector: OfflineVocabular
     return None if not answers else _is_of(room, answers[0], kind)
 
 
-def answered(
-    room: Measured, scores: Float64 | None, kind: str, detector: OfflineVocabulary | None = None
-) -> list[int]:
+def answered(room: Measured, scores: Float64 | None, kind: str, detector: OfflineVocabulary | None = None) -> list[int]:
     """Return the proposals that answer a word, the best first; `scores` is None for an unknown one."""
     if scores is None:
         return []
@@ -249,6 +247,51 @@ def pictures_table(rooms: Sequence[Measured], detector: OfflineVocabulary) -> st
     return "\n".join([*lines, f"| **all** | {' | '.join(shares)} |"])
 
 
+class PerfectRanking:
+    """A stand-in for an image-text encoder that reads the truth, with what `Looks.described_scores` asks of one.
+
+    The score of a set for a word is its IoU with the exhibit of the kind that fits it best; for absent words it is 0.
+    """
+
+    name, fitted = "perfect ranking", False
+
+    def __init__(self, kinds: Sequence[str]) -> None:
+        self._kinds = np.array(kinds)
+
+    def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
+        """Return the score of each row, its IoU with the exhibits, for a word."""
+        return [float(row[self._kinds == prompt].max(initial=0)) for row in described]
+
+    def score_vocabulary(self, described: Float32) -> Float32:
+        """Return the scores of absent words, of which least odds follow."""
+        return np.zeros((len(described), 100), np.float32)
+
+
+def ranking_table(rooms: Sequence[Measured], detector: OfflineVocabulary) -> str:
+    """Return the table of what the sets allow, and of what perfect ranking and the offline vocabulary find of it."""
+    lines = [
+        "| room | words | have a set | a whole one | perfect ranking: found | whole | offline vocabulary: found "
+        "| whole |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    sums = np.zeros(7, int)
+    for room in rooms:
+        counts = np.zeros(7, int)
+        perfect = PerfectRanking(room.kinds())
+        looks = replace(room.looks, described=room.iou[room.looks.proposal])
+        for kind in dict.fromkeys(room.kinds()):
+            own = [k for k, word in enumerate(room.kinds()) if word == kind]
+            best = [room.iou[:, own].max(initial=0)]
+            truly = answers_of(looks, looks.described_scores(kind, perfect), BETTER)
+            offline = answered(room, scores_of(room, kind, detector), kind, detector)
+            best += [room.iou[numbers[0], own].max() if numbers else 0 for numbers in ([k for k, _ in truly], offline)]
+            counts += [1, *(value >= least for value in best for least in (FOUND_IOU, WHOLE_IOU))]
+        sums += counts
+        lines.append(f"| {room.name} | {' | '.join(map(str, counts))} |")
+    shares = [str(sums[0]), *(f"{count} ({100 * count / sums[0]:.0f} %)" for count in sums[1:])]
+    return "\n".join([*lines, f"| **all** | {' | '.join(shares)} |"])
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the rooms and print or write the tables."""
     parser = argparse.ArgumentParser(
@@ -268,7 +311,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 header = f"mean square roots of features of {len(rooms)} rooms, see benchmarks/rooms/taught_words.py"
                 np.savetxt(stream, np.mean(means, axis=0), "%.4g", header=header)
             return 0
-        tables = {"taught words": taught_table(rooms, detector), "pictures": pictures_table(rooms, detector)}
+        tables = {
+            "taught words": taught_table(rooms, detector),
+            "pictures": pictures_table(rooms, detector),
+            "perfect ranking": ranking_table(rooms, detector),
+        }
         for part, table in tables.items():
             print_table(table, options.doc, part, _MARK)
     except HeritageError as error:

@@ -32,3 +32,18 @@ def test_of_versions_of_an_object_the_likeliest_whole_one_is_offered_if_it_score
     looks = looks_of(np.array([part, whole, other], bool), [0, 2, 1], [0, 1, 2])
     assert offers_of(looks, np.array([0.30, 0.20, 0.1])) == [1, 2]
     assert offers_of(looks, np.array([0.30, 0.01, 0.1])) == [0, 2], "the whole hardly looks like it"
+
+
+def test_stored_objects_are_offered_after_the_others_unless_they_look_far_more_like_the_word() -> None:
+    looks = looks_of(np.eye(4, dtype=bool), [0, 0, 0, 0], [0, 1, 2, 3])
+    stored = [looks.members[0], looks.members[2]]
+    assert offers_of(looks, np.array([0.4, 0.3, 0.2, 0.1]), stored) == [1, 3, 0, 2]
+    assert offers_of(looks, np.array([0.49, 0.3, 0.2, 0.01]), stored) == [1, 0, 2, 3], "two log-odds less than 3"
+    assert offers_of(looks, None, stored) == [1, 3, 0, 2]
+
+
+def test_stored_object_is_offered_once_though_parts_of_it_have_nothing_in_common() -> None:
+    upper, lower, other = [1, 1, 0, 0, 0], [0, 0, 1, 1, 0], [0, 0, 0, 0, 1]
+    looks = looks_of(np.array([upper, lower, other], bool), [0, 0, 0], [0, 1, 2])
+    assert offers_of(looks, np.array([0.3, 0.2, 0.1])) == [0, 1, 2]
+    assert offers_of(looks, np.array([0.3, 0.2, 0.1]), [np.array([1, 1, 1, 1, 0], bool)]) == [2, 0]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,6 +35,7 @@ from engine.project.objects import (
 from engine.project.refused_prompts import read_not_found
 from engine.scene.detailed import load_detailed
 from engine.training.scene_files import save_gaussians
+from tests.conftest import ROOT
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
@@ -242,6 +245,21 @@ def test_accepting_loads_no_model(blobs: BlobScene, project: ProjectFolder) -> N
     segmenter = segmenter_of(project, blobs, SMALL, detector_factory=none, sam_factory=none)
     (record,) = segmenter.accept_candidate(1, "Kugel")
     assert record.name == "Kugel" and record.prompt["detector"] == "fake" and len(record.levels) != 1
+
+
+def test_accepting_is_not_slowed_down_by_what_renders_trains_or_knows_words(
+    blobs: BlobScene, project: ProjectFolder
+) -> None:
+    refuse(blobs, project)
+    code = (
+        "import sys; from engine.cli.main import main; assert main(sys.argv[1:]) == 0; "
+        "assert not {'torch', 'numba', 'onnxruntime', 'sklearn', 'wgpu'} & set(sys.modules)"
+    )
+    words = ["segment", str(project.path), "--accept", "1"]
+    subprocess.run([sys.executable, "-c", code, *words], check=True, cwd=ROOT)
+    (record,) = list_objects(project.path)
+    assert record.fit > 0.9
+    assert max(overlap(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
 
 
 def test_accepting_a_picture_of_a_stored_object_stores_no_second_one(blobs: BlobScene, project: ProjectFolder) -> None:

@@ -89,7 +89,7 @@ def test_renamed_object_teaches_its_new_name_when_something_is_asked_next(
     assert [one.id for one in ask(blobs, project, "marble", own)] == [blue.id]
     assert [one.word for one in own.examples()] == ["marble"]
     with monkeypatch.context() as patched:
-        patched.setattr("engine.objects.teaching.describe_members", None)  # nothing is taught twice
+        patched.setattr("engine.objects.looks.describe_members", None)  # nothing is taught twice
         ask(blobs, project, "red ball", own)
     rename_object(project.path, blue.id, "agate")
     ask(blobs, project, "red ball", own)
@@ -100,7 +100,11 @@ def test_accepted_picture_teaches_its_word(blobs: BlobScene, own: OwnWords, tmp_
     project = trained_project(blobs, tmp_path)
     with pytest.raises(PromptError):
         ask(blobs, project, "astrolabe", own)
-    segmenter = segmenter_of(project, blobs, SMALL, own_words=own)
+
+    def none() -> Any:
+        raise AssertionError("a model was loaded")
+
+    segmenter = segmenter_of(project, blobs, SMALL, own_words=own, detector_factory=none)
     (one,) = segmenter.accept_candidate(1, None)
     assert one.name == "astrolabe" and [example.word for example in own.examples()] == ["astrolabe"]
     assert [found.id for found in ask(blobs, project, "astrolabe", own)] == [one.id]
