@@ -171,12 +171,13 @@ def _is_of(room: Measured, number: int, kind: str) -> bool:
 
 
 def taught(
-    rooms: Sequence[Measured], n_examples: int, detector: OfflineVocabulary, *, alone: bool
+    rooms: Sequence[Measured], n_examples: int, detector: OfflineVocabulary, *, alone: bool, knowing: bool
 ) -> Iterator[tuple[str, str, bool, float, float]]:
     """Yield room, kind, whether the room shows it, and the shares of the choices of examples found and refused.
 
     Examples are of other rooms; unless `alone`, all other kinds that these show are taught, too, by as many examples
-    or as there are. Kinds that a room does not show but resembles are not asked for.
+    or as there are. If `knowing`, what the vocabulary knows of the word is used as well. Kinds that a room does not
+    show but resembles are not asked for.
     """
     words = sorted({kind for room in rooms for kind in room.kinds()})
     for room in rooms:
@@ -191,7 +192,9 @@ def taught(
             answers = []
             for choice in choices[:: -(-len(choices) // _MAX_CHOICES)]:
                 own = np.mean([known[kind][k] for k in choice], axis=0, keepdims=True)
-                scores = room.looks.scores_of_examples(own, np.reshape(others, (-1, own.shape[1])), detector)
+                word = kind if knowing and detector.check_prompt(kind).known else ""
+                means_of_others = np.reshape(others, (-1, own.shape[1]))
+                scores = room.looks.scores_of_examples(own, means_of_others, detector, word)
                 answers.append(asked(room, scores, kind))
             found, refused = (sum(one is wanted for one in answers) / len(answers) for wanted in (True, None))
             yield room.name, kind, kind in room.kinds(), found, refused
@@ -200,18 +203,18 @@ def taught(
 def taught_table(rooms: Sequence[Measured], detector: OfflineVocabulary) -> str:
     """Return the table of words taught by example."""
     lines = [
-        "| examples | other words taught | kinds asked where they are | found | another thing | refused | absent kinds "
-        "asked | refused |",
-        "| ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+        "| examples | other words taught | the vocabulary's knowledge | kinds asked where they are | found "
+        "| another thing | refused | absent kinds asked | refused |",
+        "| ---: | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |",
     ]
-    for n_examples, alone in itertools.product(_N_EXAMPLES, (True, False)):
-        rows = list(taught(rooms, n_examples, detector, alone=alone))
+    for n_examples, alone, knowing in itertools.product(_N_EXAMPLES, (True, False), (False, True)):
+        rows = list(taught(rooms, n_examples, detector, alone=alone, knowing=knowing))
         shown, absent = [row for row in rows if row[2]], [row for row in rows if not row[2]]
         if not shown:
             continue  # no kind has as many examples in other rooms
         found, refused = (float(np.mean([row[k] for row in shown])) for k in (3, 4))
         others = f"{100 * float(np.mean([row[4] for row in absent])):.0f} %" if absent else "-"
-        cells = [n_examples, "none" if alone else "all kinds", len(shown)]
+        cells = [n_examples, "none" if alone else "all kinds", "used" if knowing else "not used", len(shown)]
         cells += [f"{100 * one:.0f} %" for one in (found, 1 - found - refused, refused)]
         lines.append(f"| {' | '.join(map(str, [*cells, len(absent), others]))} |")
     return "\n".join(lines)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
@@ -26,9 +27,9 @@ from .proposals import LARGE, find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
-__all__ = ["FITTED_ODDS", "Looks", "build_looks", "describe_members", "load_or_build_looks"]
+__all__ = ["FITTED_ODDS", "Looks", "build_looks", "describe_members", "kept_looks", "load_or_build_looks"]
 
-_VERSION = "looks 9"
+_VERSION, _FILE = "looks 9", "looks.npz"
 
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
@@ -51,6 +52,12 @@ _RIVALRY = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room
 
 _CAUTION, _FEW_WORDS = 0.9, 10  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Log-odds that the only word that was taught needs in addition, and other words from which on it is half of that."""
+
+_KNOWLEDGE, _MOST_KNOWN = 0.25, 4.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weight of the log-odds of the vocabulary in those of a word that was taught as well, and their largest size."""
+
+_KNOWN_CAUTION = 0.3  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Log-odds that a taught word which the vocabulary knows needs in addition: two may see in it what is absent."""
 
 _FALSE_ACCEPTS = 0.05
 """Largest share of the words of a vocabulary that a scene accepts, of a detector to whose scores nothing was fitted."""
@@ -137,7 +144,7 @@ class Looks:
         """
         return self._scores(self.odds_of(text, detector), detector)
 
-    def scores_of_examples(self, taught: Float32, others: Float32, detector: Detector) -> Float64:
+    def scores_of_examples(self, taught: Float32, others: Float32, detector: Detector, text: str = "") -> Float64:
         """Return how much each proposal looks like the objects that taught a word, [K], 0 to 1.
 
         What looks more like the examples of another word is that: the nearest class mean wins. The fewer other words
@@ -150,16 +157,25 @@ class Looks:
         others : array of shape [W, E], float32
             Means of those of each other word; W may be 0.
         detector : Detector
+        text : str
+            The word, if the detector knows it as well: what it tells is then added. Empty if it does not.
         """
         scores = detector.score_examples(self.described, np.concatenate([taught, others.reshape(-1, taught.shape[1])]))
         own, *rivals = (self._odds_by(one) for one in np.asarray(scores, np.float64).T)
         nearest, seen = np.maximum.reduce(rivals, initial=-np.inf), np.isfinite(own)
         odds = own - _RIVALRY * np.maximum(0, np.where(seen, nearest, 0) - np.where(seen, own, 0))
-        caution = _CAUTION * _FEW_WORDS / (_FEW_WORDS + len(others))
-        return np.asarray(expit(odds - FITTED_ODDS - caution), np.float64)
+        odds = odds - _CAUTION * _FEW_WORDS / (_FEW_WORDS + len(others))
+        if text:
+            known = self.odds_of(text, detector) + FITTED_ODDS - self._threshold(detector)
+            odds = odds + _KNOWLEDGE * np.clip(known, -_MOST_KNOWN, _MOST_KNOWN) - _KNOWN_CAUTION
+        return np.asarray(expit(odds - FITTED_ODDS), np.float64)
 
     def _scores(self, odds: Float64, detector: Detector) -> Float64:
-        return np.asarray(expit(odds - (FITTED_ODDS if detector.fitted else self.least_odds(detector))), np.float64)
+        return np.asarray(expit(odds - self._threshold(detector)), np.float64)
+
+    def _threshold(self, detector: Detector) -> float:
+        """Return the log-odds that give a score of 0.5."""
+        return FITTED_ODDS if detector.fitted else self.least_odds(detector)
 
     def odds_of(self, text: str, detector: Detector) -> Float64:
         """Return the log-odds of each proposal for a text, [K], compared with `least_odds`; errors as above.
@@ -365,20 +381,36 @@ def load_or_build_looks(context: SegmentationContext) -> Looks:
     return context.once("looks", lambda: _load_or_build(context))
 
 
+def kept_looks(context: SegmentationContext) -> Looks | None:
+    """Return the looks of a scene that was looked at before; None where they would have to be made."""
+    if "looks" in context.kept:
+        return load_or_build_looks(context)
+    file = None if context.folder is None else context.folder / _FILE
+    return None if file is None or not file.is_file() else _read_kept(file, _recipe(context), context)
+
+
 def _load_or_build(context: SegmentationContext) -> Looks:
     if context.folder is None:
         return build_looks(context)
-    file, settings = context.folder / "looks.npz", context.settings
-    chosen = (settings.n_crop_views, settings.strictness, settings.photo_side)
-    recipe = stage_key(_VERSION, context.detector.name, context.graph.key, *chosen)
-    stored = read_kept_arrays(file, recipe, _SPECS)
-    looks = None if stored is None else _from_arrays(stored, context)
+    file, recipe = context.folder / _FILE, _recipe(context)
+    looks = _read_kept(file, recipe, context)
     if looks is None:
         looks = build_looks(context)
         arrays = {name: np.asarray(getattr(looks, name)) for name in _SPECS}
         arrays |= {"members": np.packbits(looks.members, axis=1), "described": looks.described.astype(np.float16)}
         keep_arrays(file, recipe, arrays)
     return looks
+
+
+def _recipe(context: SegmentationContext) -> str:
+    settings = context.settings
+    chosen = (settings.n_crop_views, settings.strictness, settings.photo_side)
+    return stage_key(_VERSION, context.detector.name, context.graph.key, *chosen)
+
+
+def _read_kept(file: Path, recipe: str, context: SegmentationContext) -> Looks | None:
+    stored = read_kept_arrays(file, recipe, _SPECS)
+    return None if stored is None else _from_arrays(stored, context)
 
 
 def _from_arrays(arrays: dict[str, NDArray[Any]], context: SegmentationContext) -> Looks | None:

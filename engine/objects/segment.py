@@ -17,7 +17,7 @@ from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, unknown_word
 from .graph import bounded
 from .lifting import FoundObject, isolate_object, levels_of_each
-from .looks import Looks, load_or_build_looks
+from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, apart
@@ -136,15 +136,19 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
     """Return the objects that a text names; errors as in `find_objects`."""
     check, (taught, others) = context.detector.check_prompt(text), context.taught(text)
     if not check.known and check.misspelt and not len(taught):
-        raise PromptError(unknown_word(text, check))
+        # Most are answered by the words that are suggested, so that no scene is looked at for them.
+        looked = kept_looks(context.part(0, 2))
+        offered = [] if looked is None else _offered(looked, None, context.part(1, 2))
+        raise UnknownWordError(unknown_word(text, check), offered)
     looks = load_or_build_looks(context.part(0, 2))
     context = context.part(1, 2)
     if not check.known and not len(taught):
         raise UnknownWordError(unknown_word(text, check), _offered(looks, None, context))
     context.tell(0.0, f"Looking for {text!r} ({context.detector.name})")
-    scores = looks.scores(text, context) if check.known else np.zeros(len(looks.like))
     if len(taught):
-        scores = np.maximum(scores, looks.scores_of_examples(taught, others, context.detector))
+        scores = looks.scores_of_examples(taught, others, context.detector, text if check.known else "")
+    else:
+        scores = looks.scores(text, context)
     if not scores.any():
         raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
     answers, found = answers_of(looks, scores, context.settings), []

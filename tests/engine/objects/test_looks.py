@@ -248,6 +248,22 @@ def test_what_looks_more_like_another_taught_word_is_that() -> None:
     assert beside[1] > alone[1], "what is no other word either becomes surer"
 
 
+def test_what_the_vocabulary_knows_of_a_taught_word_moves_its_scores() -> None:
+    class Knowing(Axes):
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return [0.9, 0.001]
+
+    count, rows = 2, np.array([[0.6, 0.01], [0.6, 0.01]], np.float32)
+    looks = Looks(
+        np.eye(count, dtype=bool), np.zeros(count, np.float32), np.arange(count, dtype=np.int32),
+        np.arange(count, dtype=np.int32), ("a",) * count, np.zeros((count, 2, 2), np.float32), rows,
+    )  # fmt: skip
+    taught, others = np.array([[1, 0]], np.float32), np.zeros((0, 2), np.float32)
+    alone = looks.scores_of_examples(taught, others, Knowing())  # type: ignore[arg-type]
+    known = looks.scores_of_examples(taught, others, Knowing(), "vase")  # type: ignore[arg-type]
+    assert known[0] > alone[0] == alone[1] > known[1] > 0
+
+
 def test_each_further_word_makes_the_others_surer() -> None:
     few, many = (_axis_scores([[0.6, 0.01]], count)[0] for count in (1, 40))
     assert few < many

@@ -158,16 +158,21 @@ def test_text_that_is_unknown_or_like_nothing_is_answered_by_the_likeliest_objec
     assert {entry["score"] for entry in known["candidates"]} == {0}  # type: ignore[attr-defined]
 
 
-def test_misspelt_text_is_answered_at_once_without_looking_at_the_scene(
+def test_misspelt_text_is_answered_at_once_and_by_pictures_only_where_the_scene_was_looked_at(
     blobs: BlobScene, project: ProjectFolder
 ) -> None:
     class Misspelt(FakeDetector):
         def check_prompt(self, prompt: str) -> PromptCheck:
             return PromptCheck(False, [("ball", 1.0)], f"{prompt!r} is not known.", misspelt=True)
 
-    with pytest.raises(PromptError, match="is not known"):
-        segmenter_of(project, blobs, SMALL, detector_factory=lambda: Misspelt(blobs)).segment_texts(["bal"], None)
-    assert stored(project)["candidates"] == [] and not (project.path / "groups").exists()
+    def ask() -> Any:
+        with pytest.raises(PromptError, match="is not known"):
+            segmenter_of(project, blobs, SMALL, detector_factory=lambda: Misspelt(blobs)).segment_texts(["bal"], None)
+        return stored(project)["candidates"]
+
+    assert ask() == [] and not (project.path / "groups").exists()
+    segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], None)
+    assert {RED, TWIN, BLUE} <= set(parts_shown(blobs, ask())), "the word may be right, and none of the vocabulary's"
 
 
 def parts_shown(blobs: BlobScene, candidates: list[dict[str, Any]]) -> list[int]:
