@@ -157,6 +157,7 @@ def test_unknown_word_is_told_with_candidates_to_choose_from(open_page: OpenPage
     expect(page.get_by_role("heading", name="Not found")).to_be_visible(timeout=RUN_MS)
     pictures = page.locator(".candidates button img")
     assert 1 <= pictures.count() <= 8
+    expect(page.get_by_text("Is it one of these? It is then called locomotive.")).to_be_visible()
     keep_picture(page.locator(".panel"), "not_found")
 
 

@@ -143,6 +143,8 @@ export function createObjects(context, { stage, clicks }) {
     if (!answer) return refill(refused);
     const candidates = answer.candidates ?? [];
     const suggested = answer.suggestions.map((text) => action(text, () => run({ prompt: text })));
+    const texts = new Set(candidates.map((one) => one.text));
+    const named = texts.size === 1 ? ` It is then called ${[...texts][0]}.` : "";
     const existing = alike.map((object) => action(object.name, () => stage.point(object, true)));
     refill(
       refused,
@@ -151,8 +153,8 @@ export function createObjects(context, { stage, clicks }) {
       suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Words to try" }, h("span", null, "Try:"), suggested) : null,
       existing.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Objects that exist" }, h("span", null, "Exists:"), existing) : null,
       answer.offer ? offered(answer.offer) : null,
-      candidates.length > 0 ? h("p", null, "Is it one of these?") : null,
-      h("ul", { class: "candidates" }, candidates.map((one) => candidateItem(one, known))),
+      candidates.length > 0 ? h("p", null, `Is it one of these?${named}`) : null,
+      h("ul", { class: "candidates" }, candidates.map((one) => candidateItem(one, known, texts.size > 1))),
       action(candidates.length > 0 ? "None of these: click it" : "Click it in a photo", async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
     );
     announce(`Not found. ${answer.messages.join(" ")}`);
@@ -171,15 +173,16 @@ export function createObjects(context, { stage, clicks }) {
     if (await confirmed("Fetch a model that knows any word?", told, "Fetch and ask again", "main")) await run({ any_word: true });
   }
 
-  /** A candidate that is an object already is lit and not stored again. */
-  function candidateItem(candidate, known) {
+  /** A candidate that is an object already is lit and not stored again. Its text is shown where there are several. */
+  function candidateItem(candidate, known, several) {
     const same = known.find((object) => object.id === candidate.object);
+    const caption = same ? `${same.name} (exists)` : several ? candidate.text : "";
     const choose = () => (same ? stage.point(same, true) : run({ accept: candidate.number }));
     const button = h(
       "button",
-      { type: "button", onclick: () => during(button, choose) },
+      { type: "button", "aria-label": caption || candidate.text, onclick: () => during(button, choose) },
       h("img", { src: candidate.picture, alt: "" }),
-      h("span", null, same ? `${same.name} (exists)` : candidate.text),
+      caption ? h("span", null, caption) : null,
     );
     return h("li", null, button);
   }
