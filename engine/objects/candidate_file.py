@@ -160,11 +160,13 @@ def remember_candidates(
             # A mask of a few pixels in the view's frame may vanish at the size of the photo.
             mask[len(mask) // 2, mask.shape[1] // 2] = True
         write_png(project / picture, cut_out(photos.pixels(view.camera), mask))
-        arrays = {name: np.packbits(getattr(candidate, name), axis=-1) for name in ("members", "undecided", "mask")}
+        sets = ("members", "undecided", "mask")
+        arrays: dict[str, Any] = {name: np.packbits(getattr(candidate, name), axis=-1) for name in sets}
+        arrays["width"] = np.int64(candidate.mask.shape[1])
         if candidate.example is not None:
             arrays["example"] = candidate.example
         with atomic_write(project / _ARRAYS.format(number)) as stream:
-            np.savez_compressed(stream, width=candidate.mask.shape[1], **arrays)
+            np.savez_compressed(stream, **arrays)
         framed = np.pad(mask, 1).astype(np.uint8)
         x, y = cv2.minMaxLoc(cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_3)[1:-1, 1:-1])[3]
         left, top, width, height = cv2.boundingRect(framed[1:-1, 1:-1])

@@ -152,6 +152,7 @@ def isolate_kept(context: SegmentationContext, item: MaskEvidence, key: str) -> 
     PromptError, Cancelled
         As `isolate_object`.
     """
+    assert item.members is not None
     context = context.with_kept_graph(key)
     (levels,) = levels_of_each(context, [item])
     if levels is None:
