@@ -19,12 +19,12 @@ def start() -> int:
         # The threads of NumPy start here, and must not take the signals of the main thread; see `cli`.
         with signals_held_back():
             from .cli.main import main
+        return main()
     except ModuleNotFoundError as error:
         from .cli.doctor import missing_package
 
         print(f"Error: {missing_package(error.name)}", file=sys.stderr)
         return 1
-    return main()
 
 
 if __name__ == "__main__":

@@ -49,7 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Without the name of the program; by default those of the process.
     """
     given = sys.argv[1:] if arguments is None else arguments
-    options = build_parser([one for one in given[:1] if one in COMMANDS] or COMMANDS).parse_args(given)
+    # The threads of NumPy start when a command is imported, and must not take the signals.
+    with signals_held_back():
+        parser = build_parser([one for one in given[:1] if one in COMMANDS] or COMMANDS)
+    options = parser.parse_args(given)
     project: Path | None = getattr(options, options.log_in, None)
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:

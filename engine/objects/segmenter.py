@@ -1,7 +1,4 @@
-"""The objects of a trained project: isolated, corrected and stored.
-
-What searches, and what trains detail, is imported where it is used: accepting a picture shall not wait for it.
-"""
+"""The objects of a trained project: isolated, corrected and stored. What searches or trains is imported at its use."""
 
 from __future__ import annotations
 

@@ -162,8 +162,10 @@ def test_error_of_the_system_names_its_file(
 
 def test_python_without_any_package_says_what_to_install() -> None:
     # -S leaves out site-packages, as in a Python in which nothing was installed.
-    command = [sys.executable, "-S", "-m", "engine", "doctor"]
-    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-S", "-m", "engine"]
+    examined = subprocess.run([*command, "doctor"], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert examined.returncode == 1 and "This machine lacks numpy, torch," in examined.stdout and not examined.stderr
+    answer = subprocess.run([*command, "segment", "scene"], cwd=ROOT, capture_output=True, text=True, check=False)
     assert answer.returncode == 1
     assert answer.stderr.startswith("Error: This Python (") and "has no package 'numpy'" in answer.stderr
     assert "Traceback" not in answer.stderr
