@@ -26,7 +26,8 @@ from .views import OUTER, Views, spread_cameras
 from .votes import Votes
 
 __all__ = [
-    "BELONGS", "MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph", "read_graph",
+    "BELONGS", "LARGE", "MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph",
+    "read_graph",
 ]  # fmt: skip
 
 _VERSION = "graph 4"
@@ -54,6 +55,9 @@ _SEGMENT_SIZE = 2.0  # chosen on skull66, banana16, meeting_place9, herz_jesus25
 """Size of a segment, relative to what the evidence shows, from which on its links weigh less, inversely to its size.
 SAM leaves a door in the segment of its wall in one photo and not in the next, so a large segment says little of a
 small object."""
+
+LARGE = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Pixels that show a set in a photo, relative to the photo with the most, from which on the photo shows it well."""
 
 _LEAST_PART = 0.01  # chosen on museum_room, store_room
 """Votes of a connected part relative to those of the heaviest, from which on it belongs to an object."""
@@ -264,6 +268,29 @@ class SceneGraph:
         common = (sets.multiply(self._all_pixels) @ others.T).toarray()
         union = (sets @ self._all_pixels)[:, None] + others @ self._all_pixels - common
         return np.asarray(common / np.maximum(union, _SMALLEST), np.float32)
+
+    def outline_agreement(self, sets: csr_matrix) -> Float32:
+        """Return how well the photos' segments agree with K sets of Gaussians.
+
+        Parameters
+        ----------
+        sets : sparse array of shape [K, N]
+
+        Returns
+        -------
+        array of shape [K], float32
+            The IoU, in pixels, of the set with the segment that fits it best, 0 to 1: the median over the photos that
+            show the set well (`LARGE`). 0 for a set that no photo shows.
+        """
+        shown, common = self.shown(sets), np.asarray((sets @ self.segments).toarray(), np.float32)
+        pixels = np.asarray(self.segments.sum(axis=0), np.float32).ravel()
+        iou = common / np.maximum(shown[:, self.photo] + pixels - common, _SMALLEST) * self.is_segment
+        best = np.zeros_like(shown)
+        np.maximum.at(best.T, self.photo, iou.T)
+        well = (shown > 0) & (shown >= LARGE * shown.max(axis=1, initial=0, keepdims=True))
+        return np.array(
+            [np.median(row[seen]) if seen.any() else 0 for row, seen in zip(best, well, strict=True)], np.float32
+        )
 
 
 def _dot(first: Float32, second: Float32) -> Float32:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from ..core.arrays import Float32, Mask
+from ..core.arrays import Float32, Float64, Mask
 from ..core.errors import PromptError
 from ..masks import mask_iou
 from .context import SegmentationContext
@@ -32,7 +32,20 @@ MAX_COMMON = 0.5
 """Share of the smaller of two sets of Gaussians up to which both may be objects: more shows the same."""
 
 _FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2, -3, -4], np.float32)
-"""Strictness of each level relative to the settings, from part to whole. The level at 1 is the object."""
+"""Strictness of each level relative to the settings, from part to whole."""
+
+_USUAL = _FACTORS.tolist().index(1)
+"""The level at 1 is the object, unless another one fits what the evidence shows clearly better."""
+
+_AGREEMENT_WEIGHT = (
+    0.2  # chosen on skull66, banana16, meeting_place9, herz_jesus25, room_1, room_3, room_5, room_6, room_7, room_8
+)
+"""Weight of what the segments of the photos say of a level, relative to how well it fits the masks."""
+
+_LEVEL_COST = (
+    0.03  # chosen on skull66, banana16, meeting_place9, herz_jesus25, room_1, room_3, room_5, room_6, room_7, room_8
+)
+"""IoU that a level must gain for each level that lies between it and `_USUAL`, and itself."""
 
 _TOGETHER = 4
 """Objects that are solved together: each step reads the links once for all of them."""
@@ -108,7 +121,7 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     """Return the object that all of the evidence shows together.
 
     It comes with clearly smaller and larger versions: the membership falls as the strictness rises, so that each level
-    contains those of higher strictness.
+    contains those of higher strictness. The object is the level that fits the masks best.
 
     Parameters
     ----------
@@ -127,7 +140,7 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
     removed = _union(context, evidence, _ALONE, excluded=True)
     solved = np.minimum(_union(context, evidence, _FACTORS, excluded=False), 1 - removed)
-    levels = _nested(context, solved)
+    levels = _nested(context, solved, shown)
     if levels is None:
         raise PromptError(NONE_BEHIND if len(shown) == len(evidence) else NONE_LEFT)
     found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
@@ -179,12 +192,33 @@ def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence
             yield _nested(context, solved)
 
 
-def _nested(context: SegmentationContext, solved: Float32) -> Levels | None:
-    """Return memberships by `_FACTORS`, [7, N], as levels; None where nothing belongs to the object."""
+def _nested(context: SegmentationContext, solved: Float32, shown: Sequence[MaskEvidence] = ()) -> Levels | None:
+    """Return memberships by `_FACTORS`, [7, N], as levels; None where nothing belongs to the object.
+
+    `shown` are the masks that the object has to fit; without any, it is the usual level.
+    """
     # Rounding must not let a level leave the next one.
     levels = np.maximum.accumulate([bounded(one, context.means) for one in solved])
-    itself = _FACTORS.tolist().index(1)
-    return _distinct(levels, context.views, itself) if (levels[itself] >= DEFAULT_THRESHOLD).any() else None
+    if not (levels[_USUAL] >= DEFAULT_THRESHOLD).any():
+        return None
+    return _distinct(levels, context.views, _fitting(context, levels >= DEFAULT_THRESHOLD, shown))
+
+
+def _fitting(context: SegmentationContext, members: Mask, shown: Sequence[MaskEvidence]) -> int:
+    """Return which of the nested sets [7, N] fits the masks best, and what the segments of the photos say.
+
+    Where members are known, they were chosen among sets of all sizes: the usual level stays.
+    """
+    if not shown or any(item.members is not None for item in shown):
+        return _USUAL
+    views = context.views
+    fits: Float64 = np.mean(
+        [[mask_iou(mask, item.mask) for mask in views.visible_masks(item.view, members)] for item in shown], axis=0
+    )
+    agreement = context.graph.outline_agreement(csr_matrix(members, dtype=np.float32))
+    cost = _LEVEL_COST * np.abs(np.arange(len(members)) - _USUAL)
+    possible = [number for number in range(len(members)) if number == _USUAL or views.extent(members[number]) <= 1]
+    return max(possible, key=lambda number: float((fits + _AGREEMENT_WEIGHT * agreement - cost)[number]))
 
 
 def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:

@@ -22,8 +22,9 @@ from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..masks import box_ious, mask_box
 from ..project.folder import stage_key
 from .context import SegmentationContext
+from .graph import LARGE
 from .grounding import Detector
-from .proposals import LARGE, find_proposals
+from .proposals import find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 

@@ -16,13 +16,13 @@ from scipy.special import logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
-from .graph import BELONGS, SceneGraph, bounded
+from .graph import BELONGS, LARGE, SceneGraph, bounded
 from .groups import build_groups
 from .lifting import MAX_COMMON
 from .views import MIN_VISIBLE_PIXELS, SAME_IOU
 from .votes import Votes, votes_of_known
 
-__all__ = ["LARGE", "LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
+__all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
 
 _SETS_TOGETHER = 16
 """Sets of Gaussians that are solved together. More need more memory and are hardly faster."""
@@ -32,9 +32,6 @@ _ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, r
 
 _USUAL_EXTENT = 0.12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Extent (`Views.extent`) of a usual object."""
-
-LARGE = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Pixels that show a set in a photo, relative to the photo with the most, from which on the photo shows it well."""
 
 _SHAPE_WEIGHT = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of how a set stands, of what the photos say and of its extent, in the log-odds of being an object. Fitted were

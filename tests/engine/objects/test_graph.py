@@ -163,6 +163,15 @@ def test_pixels_that_show_a_set_are_those_of_its_gaussians_in_each_photo(blobs: 
         np.testing.assert_allclose(shown[:, number], (sets @ columns).sum(axis=1).A1, rtol=1e-5)
 
 
+def test_segments_of_the_photos_agree_with_a_thing_more_than_with_its_part_or_two_things(
+    blobs: BlobScene, graph: SceneGraph
+) -> None:
+    blue = blobs.part == BLUE
+    sets = np.stack([blue, blue & (blobs.gaussians.means[:, 2] > 0), blue | (blobs.part == RED), np.zeros_like(blue)])
+    whole, part, two, nothing = graph.outline_agreement(csr_matrix(sets, dtype=np.float32))
+    assert whole > 0.8 and whole > part + 0.1 and whole > two + 0.1 and nothing == 0
+
+
 def test_graph_is_kept_and_made_again_when_the_scene_or_the_file_changed(
     blobs: BlobScene, views: Views, graph: SceneGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

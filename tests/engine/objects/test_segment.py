@@ -259,6 +259,20 @@ def test_what_photos_take_for_a_part_of_the_object_but_nothing_connects_with_it_
     assert not found.members[blobs.part == TWIN].any() and overlap(found, blobs, RED) > 0.9
 
 
+@pytest.mark.parametrize("strictness", [0.01, 0.6])
+def test_object_of_a_mask_is_the_level_that_fits_the_mask(blobs: BlobScene, strictness: float) -> None:
+    # SAM made one segment of both red balls in every photo, and with a strictness as low, the usual level takes both.
+    fused = {photo: np.where(labels == TWIN, RED, labels) for photo, labels in blobs.labels.items()}
+    settings = replace(SMALL_BETTER, strictness=strictness)
+    views = Views(Scene(blobs.gaussians), blobs.cameras, render_side=160)
+    photos = Photos(Path(), settings, not_needed)  # type: ignore[arg-type]
+    context = SegmentationContext(views, photos, fused, settings, not_needed)  # type: ignore[arg-type]
+    view = views.of(blobs.cameras.cameras[1])
+    found = isolate_object(context, [MaskEvidence(view, view.from_photo(blobs.labels["view_1.png"] == RED), 1.0)])
+    assert overlap(found, blobs, RED) > 0.9
+    assert found.levels.memberships[found.levels.chosen] is found.membership
+
+
 def test_membership_is_in_0_to_1_and_tightens_monotonically(find, blobs: BlobScene) -> None:
     x, y = blobs.center_of(BLUE, "view_1.png")
     for settings in (SMALL, SMALL_BETTER):
