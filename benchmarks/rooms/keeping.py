@@ -37,7 +37,7 @@ KEPT_FOLDER = Path(KEPT_ROOMS)
 
 _STAGES = ("photos", "cameras", "masks", "training")
 _PARTS = ("photos", "truth", "project")
-_BINARY_PLACES = {"means": 11, "log_scales": 5, "quats": 7, "opacity_logits": 4, "sh": 7, "features": 6}
+_BINARY_PLACES = {"means": 10, "log_scales": 4, "quats": 5, "opacity_logits": 4, "sh": 4, "features": 3}
 """Binary places behind the point that are kept; a number changes by at most half of the last one."""
 _FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9 | lzma.PRESET_EXTREME, "lc": 0, "lp": 2, "pb": 2}]
 """Options for tables of numbers of 4 bytes."""

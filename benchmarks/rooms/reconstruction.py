@@ -1,8 +1,7 @@
-"""Photos of a room to a trained project: the preset ``standard`` with fewer Gaussians, from the true cameras."""
+"""Photos of a room to a trained project: the preset ``standard`` as a user gets it, from the true cameras."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from engine.cameras import has_points
@@ -11,10 +10,7 @@ from engine.pipeline.planning import plan_work, training_settings
 from engine.pipeline.reconstruct import PipelineSettings
 from engine.quality.bench.prepared import prepare, prepare_masks, train_prepared
 
-__all__ = ["N_GAUSSIANS", "reconstruct_room"]
-
-N_GAUSSIANS = 15_000
-"""Largest number of Gaussians of a room. The photos have 36 % of the pixels of those of `demo/museum_room`."""
+__all__ = ["reconstruct_room"]
 
 
 def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should_stop: StopCheck) -> None:
@@ -39,7 +35,7 @@ def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should
     settings = PipelineSettings(camera_model=room / "cameras")
     assert settings.camera_model is not None
     prepared = prepare(room / "photos", out, settings, emit=emit, should_stop=should_stop)
-    planned = plan_work(
+    work = plan_work(
         prepared.photo_set,
         prepared.statistics,
         settings.plan,
@@ -47,7 +43,6 @@ def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should
         poses_given=True,
         points_given=has_points(settings.camera_model),
     )
-    work = replace(planned, max_gaussians=N_GAUSSIANS)
-    training = training_settings(work).changed(max_gaussians=N_GAUSSIANS, seed=seed)
+    training = training_settings(work).changed(seed=seed)
     prepared, _ = prepare_masks(prepared, out, work, settings, emit=emit, should_stop=should_stop)
     train_prepared(prepared, out, work, training, emit=emit, should_stop=should_stop)

@@ -19,7 +19,7 @@ ROOMS = tuple(f"room_{number}" for number in range(1, 9))
 NAMES = (*REAL_SETS, *SCENES, *ROOMS)
 
 GAUSSIANS_OF_ROOMS = 15_000
-"""Largest number of Gaussians of a random room, whose photos are smaller; see `benchmarks.rooms.reconstruction`."""
+"""Gaussians of a random room, as many as those of gsplat that `benchmarks.training.reference` names."""
 
 
 @dataclass(frozen=True)
