@@ -46,10 +46,7 @@ class CpuSteps:
             step_finite_rows(state.parameters, self._update, state.guards)
         with torch.no_grad():
             self._update_population()
-            clamp_parameters(
-                state.parameters, inputs.center, inputs.extent, state.guards,
-                elongation=inputs.settings.loss.elongation,
-            )  # fmt: skip
+            clamp_parameters(state.parameters, inputs.center, inputs.extent, state.guards)
         state.step += 1
         return loss.item()
 
@@ -100,5 +97,4 @@ class CpuSteps:
         levels = [inputs.pyramid.level(*one) for one in error_levels(inputs, schedule, state.step, generator)]
         degree = schedule.sh_degree(state.step, state.sh_limit)
         errors = gaussian_errors(state.parameters, levels, backend=inputs.settings.backend, sh_degree=degree)
-        needles = inputs.settings.loss.elongation > 0
-        grow_by_error(state.parameters, errors, n_new, inputs.start_points, splits_needles=needles, generator=generator)
+        grow_by_error(state.parameters, errors, n_new, inputs.start_points, generator=generator)

@@ -39,9 +39,6 @@ _MIN_OPACITY = 0.005  # Kheradmand et al. 2024
 OPACITY_MARGIN = 1e-6
 """Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
 
-_MOST_NEEDLE_WEIGHT = 10.0
-"""Largest factor by which a needle is drawn more often than a round Gaussian, to be split."""
-
 SPLIT_SHIFT = 0.7  # chosen on museum_room
 """Distance of the halves of a split Gaussian from its centre, in its longest scale."""
 
@@ -141,7 +138,6 @@ def grow_by_error(
     n_new: int,
     start_points: StartPoints,
     *,
-    splits_needles: bool = False,
     generator: torch.Generator,
 ) -> None:
     """Add `n_new` Gaussians, drawn half by `errors` and half by opacity: half are halves, half are copies.
@@ -156,19 +152,13 @@ def grow_by_error(
         See `gaussian_errors`.
     n_new : int
     start_points : StartPoints
-    splits_needles : bool
-        Whether a Gaussian is split as many times more often as its longest scale is its middle one, up to ten times.
     generator : torch.Generator
     """
     values = parameters.values
     weights = mixed_weights(errors, values["opacity_logits"].detach().sigmoid())
     means = values["means"].detach()
-    of_split = weights
-    if splits_needles:
-        ordered = values["log_scales"].detach().sort(dim=1).values
-        of_split = weights * (ordered[:, 2] - ordered[:, 1]).exp().clamp_max(_MOST_NEEDLE_WEIGHT)
     n_split = split(
-        parameters, of_split, n_new // 2, allowed=lambda rows: start_points.near(means[rows]), generator=generator
+        parameters, weights, n_new // 2, allowed=lambda rows: start_points.near(means[rows]), generator=generator
     )
     # The halves that were added are not copied in the same step.
     grow(parameters, torch.cat([weights, torch.zeros(n_split)]), n_new - n_split, generator=generator)

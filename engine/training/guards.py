@@ -43,10 +43,6 @@ MAX_SCALE = 2.0  # chosen on museum_room
 MAX_ASPECT = 50.0  # chosen on museum_room
 """Largest ratio of the longest to the shortest scale of a Gaussian."""
 
-NEEDLE_PULL = 0.005  # chosen on meeting_place9, room_6, sakharov_statue32
-"""Share of what is beyond `LossSettings.elongation`, in logarithms, by which the longest scale falls and the middle one
-rises in a step."""
-
 MAX_LOGIT = 13.8
 """Largest absolute opacity logit: opacities stay between 1e-6 and 1 - 1e-6."""
 
@@ -122,14 +118,7 @@ def _rows_not_finite(parameters: Parameters) -> torch.Tensor | None:
     return rows if len(rows) else None
 
 
-def clamp_parameters(
-    parameters: Parameters,
-    center: torch.Tensor,
-    extent: float,
-    guards: Counter[str],
-    *,
-    elongation: float = 0.0,
-) -> None:
+def clamp_parameters(parameters: Parameters, center: torch.Tensor, extent: float, guards: Counter[str]) -> None:
     """Clamp scales, aspect, opacities and positions to ranges where float32 is precise; count the clamped Gaussians.
 
     Parameters
@@ -142,14 +131,8 @@ def clamp_parameters(
         Extent of the scene, world units.
     guards : Counter
         Counts ``scales_at_limit``, ``opacities_at_limit``, ``clamped_positions``, ``reset_rotations``.
-    elongation : float
-        See `LossSettings`.
     """
     log_scales = parameters.values["log_scales"].detach()[parameters.n_background :]
-    if elongation:
-        longest, middle = log_scales.amax(dim=1, keepdim=True), log_scales.median(dim=1, keepdim=True).values
-        moved = NEEDLE_PULL * (longest - middle - math.log(elongation)).clamp_min(0.0)
-        log_scales += moved * (log_scales == middle) - moved * (log_scales == longest)
     longest = log_scales.amax(dim=1, keepdim=True).clamp_max(math.log(MAX_SCALE * extent))
     shortest = (longest - math.log(MAX_ASPECT)).clamp_min(math.log(MIN_SCALE * extent))
     clamped = torch.minimum(torch.maximum(log_scales, shortest), torch.maximum(longest, shortest))

@@ -154,22 +154,16 @@ class LossSettings:
         Weight of the mean scale (per extent).
     dropout : float
         Fraction of the Gaussians left out of the last training picture; it rises from 0, see `densify.drop`.
-    elongation : float
-        Ratio of the longest scale of a Gaussian to its middle one from which the two are drawn together, and the
-        Gaussian is split rather than others; 0 for neither. Needles explain single photos, and cross in all directions
-        in other views.
     """
 
     lambda_opacity: float = 0.01  # chosen on museum_room, stability_scenes
     lambda_opacity_end: float = 0.0001  # chosen on more_rooms, stability_scenes
     lambda_scale: float = 0.002  # chosen on museum_room
     dropout: float = 0.0  # chosen on museum_room
-    elongation: float = 0.0
 
     def __post_init__(self) -> None:
         require_at_least(self, 0, "lambda_opacity", "lambda_opacity_end", "lambda_scale")
         require(self, "dropout", 0 <= self.dropout < 1, "at least 0 and less than 1")
-        require(self, "elongation", self.elongation == 0 or self.elongation >= 1, "0 or at least 1")
 
 
 @dataclass(frozen=True)

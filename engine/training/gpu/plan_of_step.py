@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..checkpoint import RunState
 from ..densify import MAX_RAISED_OPACITY, MAX_WALK
-from ..guards import MAX_ASPECT, MAX_DISTANCE, MAX_LOGIT, MAX_SCALE, MIN_SCALE, NEEDLE_PULL
+from ..guards import MAX_ASPECT, MAX_DISTANCE, MAX_LOGIT, MAX_SCALE, MIN_SCALE
 from ..schedule import Schedule
 from ..step import clusters, samples_of_step
 from ..steps import Inputs
@@ -27,8 +27,6 @@ def step_settings(inputs: Inputs) -> StepSettings:
         max_scale=MAX_SCALE * extent,
         max_aspect=MAX_ASPECT,
         max_logit=MAX_LOGIT,
-        elongation=settings.loss.elongation,
-        needle_pull=NEEDLE_PULL,
     )
     return StepSettings(
         lambda_exposure=settings.appearance.lambda_exposure if settings.appearance.exposure else 0.0,

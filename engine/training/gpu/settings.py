@@ -27,9 +27,6 @@ class StepLimits:
         Largest ratio of the longest to the shortest scale.
     max_logit : float
         Largest absolute opacity logit.
-    elongation, needle_pull : float
-        Ratio of the longest to the middle scale from which they are drawn together, and the share of the rest, in
-        logarithms, by which they are; 0 for none.
     """
 
     center: tuple[float, float, float]
@@ -38,15 +35,11 @@ class StepLimits:
     max_scale: float
     max_aspect: float
     max_logit: float
-    elongation: float = 0.0
-    needle_pull: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("max_distance", "min_scale", "max_scale", "max_logit"):
             require(self, name, getattr(self, name) > 0.0, "above 0")
         require(self, "max_aspect", self.max_aspect >= 1.0, "at least 1")
-        require(self, "elongation", self.elongation == 0.0 or self.elongation >= 1.0, "0 or at least 1")
-        require(self, "needle_pull", 0.0 <= self.needle_pull <= 0.5, "between 0 and 0.5")
 
 
 @dataclass(frozen=True)

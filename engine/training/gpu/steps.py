@@ -175,8 +175,7 @@ class GpuSteps:
         sources = population.values["sources"]
         if errors is not None:
             errors = (errors / sources.bincount(minlength=n))[sources]  # copies at one place share the error
-            needles = inputs.settings.loss.elongation > 0
-            grow_by_error(population, errors, n_new, inputs.start_points, splits_needles=needles, generator=additions)
+            grow_by_error(population, errors, n_new, inputs.start_points, generator=additions)
         elif n_new > 0:
             grow(population, population.values["opacity_logits"].sigmoid(), n_new, generator=additions)
         if bool(population.fresh.any()):

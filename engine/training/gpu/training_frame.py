@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -356,8 +355,7 @@ class TrainingFrame(TrainingWorkspace, Frame):
                 np.array([photo.view, self._exposures.n], np.uint32),
                 self._limit_values(photo).view(np.uint32),
                 _dropout_values(photo.dropout),
-                np.array([with_limits], np.uint32),
-                self._needle_values().view(np.uint32),
+                np.array([with_limits, 0, 0], np.uint32),
                 groups.view(np.uint32).reshape(-1),
             ]
             uniform.write(np.concatenate(values))
@@ -371,13 +369,6 @@ class TrainingFrame(TrainingWorkspace, Frame):
             values[6:9] = np.log([limits.max_scale, limits.min_scale, limits.max_aspect])
             values[9] = limits.max_logit
         return values
-
-    def _needle_values(self) -> NDArray[np.float32]:
-        """Return the logarithm of the ratio from which scales are drawn together, and the share; shape [2]."""
-        limits = self._limits
-        if limits is None or limits.elongation == 0.0:
-            return np.zeros(2, np.float32)
-        return np.array([math.log(limits.elongation), limits.needle_pull], np.float32)
 
     def step(self) -> None:
         """Queue one step."""

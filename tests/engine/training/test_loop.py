@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import subprocess
@@ -20,7 +19,7 @@ from engine.core.errors import Cancelled, DiskError, NumericalError, TrainingErr
 from engine.core.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
 from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run
-from engine.training.guards import NEEDLE_PULL, clamp_parameters, step_finite_rows
+from engine.training.guards import clamp_parameters, step_finite_rows
 from engine.training.loop import train
 from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
@@ -227,22 +226,6 @@ def test_extreme_values_are_clamped_and_counted(scene: Scene) -> None:
     assert all(bool(torch.isfinite(value).all()) for value in values.values())
     clamp_parameters(parameters, torch.zeros(3), 1.0, guards)
     assert dict(guards) == expected
-
-
-def test_longest_and_middle_scale_of_needles_alone_are_drawn_together(scene: Scene) -> None:
-    parameters = Parameters.from_gaussians(scene.start, sh_degree=0, features=False)
-    parameters.n_background = 2
-    log_scales = parameters.values["log_scales"]
-    needle, turned, round_one = [-3.0, -1.0, -4.0], [-1.0, -3.0, -4.0], [-3.0, -3.0, -5.0]
-    for row, values in enumerate([needle, needle, needle, turned, round_one]):
-        log_scales[row] = torch.tensor(values)
-    guards: Counter[str] = Counter()
-    clamp_parameters(parameters, torch.zeros(3), 1.0, guards, elongation=math.e)
-    moved = NEEDLE_PULL * 1.0
-    drawn = [-3.0 + moved, -1.0 - moved, -4.0]
-    expected = [needle, needle, drawn, [drawn[1], drawn[0], -4.0], round_one]
-    np.testing.assert_allclose(log_scales[:5].numpy(), expected, rtol=1e-5)
-    assert guards["scales_at_limit"] == 0
 
 
 def test_features_leave_the_geometry_as_without_them_unless_they_are_joint(scene: Scene, tmp_path: Path) -> None:

@@ -11,29 +11,16 @@
 
 var<workgroup> found: array<atomic<u32>, 4>;
 
-// The longest scale falls and the middle one rises by a share of what is beyond the ratio that needles have.
-fn drawn_together(log_scale: vec3<f32>) -> vec3<f32> {
-    let longest = max(max(log_scale.x, log_scale.y), log_scale.z);
-    let middle = max(min(log_scale.x, log_scale.y), min(max(log_scale.x, log_scale.y), log_scale.z));
-    let moved = vec3<f32>(optimiser.needle_pull * max(0.0, longest - middle - optimiser.log_elongation));
-    let zero = vec3<f32>(0.0);
-    return log_scale + select(zero, moved, log_scale == vec3<f32>(middle))
-        - select(zero, moved, log_scale == vec3<f32>(longest));
-}
-
 fn limit(g: u32) {
-    let trained = vec3<f32>(log_scales[3u * g], log_scales[3u * g + 1u], log_scales[3u * g + 2u]);
-    let log_scale = drawn_together(trained);
+    let log_scale = vec3<f32>(log_scales[3u * g], log_scales[3u * g + 1u], log_scales[3u * g + 2u]);
     let longest = min(max(max(log_scale.x, log_scale.y), log_scale.z), optimiser.log_max_scale);
     let shortest = max(longest - optimiser.log_max_aspect, optimiser.log_min_scale);
     let kept = min(max(log_scale, vec3<f32>(shortest)), vec3<f32>(max(longest, shortest)));
-    if (g >= optimiser.n_background && any(kept != trained)) {
+    if (g >= optimiser.n_background && any(kept != log_scale)) {
         for (var k = 0u; k < 3u; k++) {
             log_scales[3u * g + k] = kept[k];
         }
-        if (any(kept != log_scale)) {
-            atomicAdd(&found[0], 1u);
-        }
+        atomicAdd(&found[0], 1u);
     }
     let logit = opacity_logits[g];
     if (abs(logit) > optimiser.max_logit) {

@@ -30,8 +30,8 @@ struct Optimiser {
     seed: u32,           // keys of the draws
     step: u32,
     with_limits: u32,    // whether limits.wgsl does anything in this step
-    log_elongation: f32, // logarithm of the ratio from which scales are drawn together, and by which share of the rest
-    needle_pull: f32,
+    unused_1: u32,
+    unused_0: u32,
     groups: array<vec4<f32>, 8>,  // step size, root of the correction of v, 1 if the group is trained
 }
 
