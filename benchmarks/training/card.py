@@ -2,15 +2,15 @@
 
 `prepare` writes photos, cameras and segments of sets on a machine with the whole engine. `train` needs these files, a
 graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-evaluator; with ``--backend gsplat``, gsplat
-1.5 trains the same views by its own rates and without features. A training that was measured before is not repeated.
-`document` puts the table into a document.
+1.5, with fused-ssim, trains the same views by its own rates and without features. A training that was measured before
+is not repeated. `document` puts the table into a document, between ``<!-- on a card -->`` and its end.
 
 A run is STEPS:GAUSSIANS with settings of `standard`, or the name of a preset as the plan uses it on a card.
 
 example: python -m benchmarks.training.card prepare --sets museum_room --sides 640 --out out/card
          python -m benchmarks.training.card train out/card --runs 3000:300000,7000:300000 --seeds 0,1,2
          python -m benchmarks.training.card train out/card --runs standard,best,best:lr_means=8e-4
-         python -m benchmarks.training.card document out/card/results --doc docs/training_on_cards.md
+         python -m benchmarks.training.card document out/card/results --doc FILE.md
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ from engine.core.errors import HeritageError
 from engine.core.events import ignore_events, never_stop
 from engine.core.files import read_json, write_json
 from engine.pipeline.planning.decisions import steps_for, with_steps
+from engine.scene import CameraSet
 from engine.training import (
+    TrainingResult,
     TrainingView,
     background_gaussians,
     load_views,
@@ -112,7 +114,7 @@ def _train(options: argparse.Namespace) -> None:
                 out = results / f"{file.stem}-{_file_name(name)}-{seed}.json"
                 if out.exists():
                     continue
-                settings = _settings(run, seed, views, backend)
+                settings = run_settings(run, seed, views, backend)
                 if not first:
                     # The first run of a process compiles kernels: steps of the same kind do it before the clock runs.
                     few = settings.changed(steps=12, sh_interval=4, regularisation_interval=5, coarse_levels=0)
@@ -134,11 +136,12 @@ def _file_name(run: str) -> str:
     return name if len(name) <= _MAX_NAME else f"{name[:_MAX_NAME]}-{hashlib.sha256(run.encode()).hexdigest()[:8]}"
 
 
-def _settings(run: str, seed: int, views: Sequence[TrainingView], backend: str) -> TrainingSettings:
+def run_settings(run: str, seed: int, views: Sequence[TrainingView], backend: str) -> TrainingSettings:
+    """Return the settings of a run that is named as the module's documentation says, for photos at their own size."""
     first, *others = run.split(":")
     n_training = sum(not view.held_out for view in views)
     if first in PRESETS:
-        settings = settings_with_sizes(first, sizes_on_card(first, _UNBOUNDED), n_training)
+        settings = settings_with_sizes(first, sizes_on_card(first, _UNBOUNDED, n_training=n_training), n_training)
         settings = settings.changed(**_values(others))
         settings = with_steps(settings, steps_for(settings, n_training))
     else:
@@ -160,15 +163,20 @@ def _value(text: str) -> Any:
 
 def _run(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:
     begun = time.perf_counter()
+    result = trained(cameras, views, settings)
+    curve = [asdict(point) for point in result.curve]
+    return {**result.figures, "curve": curve, "total": time.perf_counter() - begun}
+
+
+def trained(cameras: CameraSet, views: Sequence[TrainingView], settings: TrainingSettings) -> TrainingResult:
+    """Train the views of a set from its sparse points; errors as of `engine.training.train`."""
     start = start_gaussians(cameras, views, settings, emit=ignore_events)
     background = background_gaussians(cameras.points, views, settings)
     with tempfile.TemporaryDirectory() as folder:
-        result = train(
+        return train(
             start, list(views), settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop,
             background=background,
         )  # fmt: skip
-    curve = [asdict(point) for point in result.curve]
-    return {**result.figures, "curve": curve, "total": time.perf_counter() - begun}
 
 
 def _run_gsplat(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:

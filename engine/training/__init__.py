@@ -9,7 +9,7 @@ from ..core.lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .adam import AdamState, adam_step
     from .background import background_gaussians
-    from .card_settings import key_values, settings_with_sizes, sizes_on_card
+    from .card_settings import key_values, preset_on_card, settings_with_sizes, sizes_on_card
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .compilation import compile_kernels
     from .coverage import WELL_SEEN, Coverage
@@ -59,6 +59,7 @@ __all__ = [
     "load_views",
     "measure_quality",
     "photometric_loss",
+    "preset_on_card",
     "read_overrides",
     "read_progress",
     "render",

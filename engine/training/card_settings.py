@@ -12,9 +12,9 @@ from types import MappingProxyType
 from typing import Any
 
 from ..core.settings import to_dict
-from .settings import PRESETS, TrainingSettings
+from .settings import DEFAULT_PRESET, PRESETS, TrainingSettings
 
-__all__ = ["CARD_SIZES", "CardSizes", "key_values", "settings_with_sizes", "sizes_on_card"]
+__all__ = ["CARD_SIZES", "CardSizes", "key_values", "preset_on_card", "settings_with_sizes", "sizes_on_card"]
 
 _NOTHING: Mapping[str, int] = MappingProxyType({})
 
@@ -22,8 +22,12 @@ _ROUNDED_TO = 10_000
 """Numbers of Gaussians that memory decides are multiples of this."""
 
 _GROWTHS, _GROW_FACTOR = 50, 1.1  # chosen on museum_room
-"""Intervals of growth in a run, and the factor of each. The processor decides where to grow, while the card waits.
-Growth over most of a run takes less time than early growth, and its Gaussians are placed by smaller errors."""
+_FULL_BY = (
+    0.7  # chosen on meeting_place9, banana16, herz_jesus25, sakharov_statue32, museum_room, room_3, room_6, room_8
+)
+"""Intervals of growth in a run, the least factor of each, and ``full_by``. The processor decides where to grow, while
+the card waits. Growth over most of a run takes less time than early growth, and its Gaussians are placed by smaller
+errors."""
 
 _SH_DEGREE, _DROPOUT = 3, 0.05  # chosen on museum_room, store_room, skull66, sakharov_statue32
 """``sh_degree`` and ``dropout`` in place of trials of bands. A card has the time for all bands, and with many Gaussians
@@ -40,23 +44,32 @@ class CardSizes:
         See `ScheduleSettings`.
     max_gaussians : int
         Largest number of Gaussians, on a card that holds so many.
+    least_photos : int
+        With fewer training photos, the preset is `DEFAULT_PRESET`: they do not determine more.
     """
 
     steps: int
     rounds: int
     max_side: int
     max_gaussians: int
+    least_photos: int = 0
 
 
 CARD_SIZES: dict[str, CardSizes] = {
     "preview": CardSizes(1_500, 0, 1_600, 40_000),
     "standard": CardSizes(3_000, 72, 1_600, 100_000),  # chosen on museum_room, sakharov_statue32, banana16
-    "best": CardSizes(12_000, 72, 1_600, 300_000),  # chosen on museum_room
+    "best": CardSizes(12_000, 190, 1_600, 300_000, 36),  # chosen on museum_room, sakharov_statue32
 }
 """By the name of the preset. Presets that are not named here have their own sizes on a card too."""
 
 
-def sizes_on_card(preset: str, room: int, wanted: Mapping[str, int] = _NOTHING) -> dict[str, int]:
+def preset_on_card(preset: str, n_training: int) -> str:
+    """Return the preset whose sizes and rates are used on a card for `n_training` training photos."""
+    sizes = CARD_SIZES.get(preset)
+    return DEFAULT_PRESET if sizes is not None and n_training < sizes.least_photos else preset
+
+
+def sizes_on_card(preset: str, room: int, wanted: Mapping[str, int] = _NOTHING, *, n_training: int) -> dict[str, int]:
     """Return the settings that a preset has on a card in place of its own, by name; empty for none.
 
     Parameters
@@ -66,7 +79,10 @@ def sizes_on_card(preset: str, room: int, wanted: Mapping[str, int] = _NOTHING) 
         Number of Gaussians that the card holds beside the photos.
     wanted : mapping of str to int
         ``max_gaussians`` and ``max_side`` that the user asked for.
+    n_training : int
+        Number of training photos.
     """
+    preset = preset_on_card(preset, n_training)
     sizes = CARD_SIZES.get(preset)
     if sizes is None:
         return {}
@@ -90,26 +106,20 @@ def settings_with_sizes(preset: str, sizes: Mapping[str, int], n_training: int) 
     n_training : int
         Decides as `TrainingSettings.for_photos` does.
     """
-    base = PRESETS[preset]
     if not sizes:
-        return base.for_photos(n_training)
+        return PRESETS[preset].for_photos(n_training)
+    base = PRESETS[preset_on_card(preset, n_training)]
     steps = sizes.get("steps", base.schedule.steps)
     interval = base.appearance.sh_interval * steps // base.schedule.steps
-    growth = {"grow_interval": max(1, steps // _GROWTHS), "grow_factor": _grow_factor(preset, base, sizes)}
-    settings = base.changed(**sizes, **growth, sh_interval=max(1, interval)).for_photos(n_training)
+    settings = base.changed(
+        **sizes, grow_interval=max(1, steps // _GROWTHS), grow_factor=_GROW_FACTOR, full_by=_FULL_BY,
+        sh_interval=max(1, interval),
+    ).for_photos(n_training)  # fmt: skip
     if not (settings.appearance.sh_degree and settings.trial_steps(n_training)):
         return settings
     return settings.changed(
         sh_degree=_SH_DEGREE, sh_interval=max(1, steps // (_SH_DEGREE + 2)), trial_fraction=0.0, dropout=_DROPOUT
     )
-
-
-def _grow_factor(preset: str, base: TrainingSettings, sizes: Mapping[str, int]) -> float:
-    """Return the factor of a growth: `_GROW_FACTOR`, and so much more that more Gaussians are reached as early."""
-    own = CARD_SIZES[preset].max_gaussians if preset in CARD_SIZES else base.growth.max_gaussians
-    more = max(1.0, sizes.get("max_gaussians", own) / own)
-    n_growths = _GROWTHS * (base.growth.grow_until - base.growth.grow_from)
-    return min(2.0, _GROW_FACTOR * more ** (1.0 / n_growths))
 
 
 def key_values(settings: TrainingSettings) -> dict[str, Any]:

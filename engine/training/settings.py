@@ -19,6 +19,7 @@ from .setting_checks import require_at_least, require_choice, require_factor, re
 __all__ = [
     "LAMBDA_DSSIM",
     "DEFAULT_PRESET",
+    "MAX_GROW_FACTOR",
     "MIN_PHOTOS_TO_CHOOSE",
     "OFFERED_PRESETS",
     "PAPER_PIXELS",
@@ -38,6 +39,9 @@ __all__ = [
 
 PAPER_PIXELS = 980 * 735  # Dahaghin et al. 2024
 """Pixels of the pictures in the paper (Dahaghin et al. 2024), for which its pixel counts and sums over pixels hold."""
+
+MAX_GROW_FACTOR = 2.0
+"""Largest factor of a growth: a Gaussian has one copy or other half."""
 
 LAMBDA_DSSIM = 0.2
 """Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
@@ -183,6 +187,9 @@ class GrowthSettings:
         Steps between two relocations.
     grow_factor : float
         Factor by which the number of Gaussians grows each time, up to the largest number.
+    full_by : float
+        Part of the time of growth after which the largest number is reached: where `grow_factor` is too small for that,
+        as with few sparse points, the factor is larger. 0 leaves it as it is.
     noise : float
         Strength of the random walk of nearly transparent Gaussians.
     """
@@ -197,6 +204,7 @@ class GrowthSettings:
     grow_until: float = 0.8  # chosen on museum_room
     grow_interval: int = 30  # chosen on museum_room
     grow_factor: float = 1.05  # Kheradmand et al. 2024
+    full_by: float = 0.0
     noise: float = 5e5  # Kheradmand et al. 2024
 
     def __post_init__(self) -> None:
@@ -204,9 +212,10 @@ class GrowthSettings:
         require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
         require(self, "background_fraction", 0 <= self.background_fraction <= 0.5, "between 0 and 0.5")
         require_choice(self, "growth_strategy", "mixed", "opacity")
-        require_fraction(self, "grow_from", "grow_until")
+        require_fraction(self, "grow_from", "grow_until", "full_by")
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
-        require(self, "grow_factor", 1 <= self.grow_factor <= 2, "between 1 and 2")
+        factors = f"between 1 and {MAX_GROW_FACTOR:g}"
+        require(self, "grow_factor", 1 <= self.grow_factor <= MAX_GROW_FACTOR, factors)
         require_at_least(self, 0, "noise")
 
     @property

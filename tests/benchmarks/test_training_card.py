@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from benchmarks.training.card import _file_name, _settings
+from benchmarks.training.card import _file_name, run_settings
 
 
 def test_long_runs_have_file_names_of_their_own_that_file_systems_take() -> None:
@@ -17,14 +17,16 @@ def test_long_runs_have_file_names_of_their_own_that_file_systems_take() -> None
 
 def test_preset_is_trained_as_a_plan_for_so_many_photos_has_it_on_a_card() -> None:
     views: Any = [SimpleNamespace(held_out=i % 8 == 4) for i in range(48)]
-    standard = _settings("standard:lr_means=8e-4", 3, views, "gpu")
+    standard = run_settings("standard:lr_means=8e-4", 3, views, "gpu")
     assert (standard.schedule.steps, standard.growth.max_gaussians, standard.growth.grow_interval) == (
         3_000,
         100_000,
         60,
     )
     assert (standard.optimiser.lr_means, standard.seed, standard.backend) == (8e-4, 3, "gpu")
-    best = _settings("best:rounds=100", 0, views, "gpu")
+    best = run_settings("best:rounds=100", 0, views, "gpu")
     assert (best.schedule.steps, best.growth.grow_interval, best.appearance.sh_interval) == (4_200, 84, 840)
-    own = _settings("2000:50000:dropout=0.1", 0, views, "cpu")
+    few: Any = views[:24]
+    assert run_settings("best", 0, few, "gpu") == run_settings("standard", 0, few, "gpu")
+    own = run_settings("2000:50000:dropout=0.1", 0, views, "cpu")
     assert (own.schedule.steps, own.growth.max_gaussians, own.loss.dropout) == (2_000, 50_000, 0.1)

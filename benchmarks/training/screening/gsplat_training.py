@@ -9,11 +9,13 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
+from engine.core.errors import EnvironmentProblem
 from engine.formats import SH_C0
 from engine.scene import CameraSet, Gaussians
+from engine.training.settings import LAMBDA_DSSIM
 from engine.training.views import TrainingView, scene_extent
 
-from .gsplat_raster import DEVICE, GpuTarget, photometric_loss
+from .gsplat_raster import DEVICE, GpuTarget
 
 __all__ = ["train_gsplat"]
 
@@ -38,9 +40,22 @@ def train_gsplat(
     views : sequence of TrainingView
         Held-out ones are not used.
     steps, max_gaussians, seed : int
+
+    Raises
+    ------
+    EnvironmentProblem
+        When gsplat or fused-ssim is not installed.
+
+    Notes
+    -----
+    As in gsplat's own trainer, SSIM is the fused one, and no step waits for the card.
     """
-    from gsplat import rasterization
-    from gsplat.strategy import MCMCStrategy
+    try:
+        from fused_ssim import fused_ssim
+        from gsplat import rasterization
+        from gsplat.strategy import MCMCStrategy
+    except ImportError as error:
+        raise EnvironmentProblem(f"Training as gsplat does it needs gsplat 1.5 and fused-ssim ({error}).") from error
 
     torch.manual_seed(seed)
     training = [view for view in views if not view.held_out]
@@ -78,7 +93,9 @@ def train_gsplat(
             viewmats[view : view + 1], intrinsics[view : view + 1], camera.width, camera.height,
             sh_degree=min(step // max(1, scaled["sh_interval"]), _SH_DEGREE), packed=False,
         )  # fmt: skip
-        loss = photometric_loss(image[0], targets[view], lambda_dssim=0.2).to(DEVICE)
+        colors = targets[view].colors
+        similarity = fused_ssim(image.permute(0, 3, 1, 2), colors.permute(2, 0, 1)[None].contiguous(), padding="valid")
+        loss = (1.0 - LAMBDA_DSSIM) * (image[0] - colors).abs().mean() + LAMBDA_DSSIM * (1.0 - similarity)
         loss = loss + _LAMBDA_OPACITY * opacities.mean() + _LAMBDA_SCALE * scales.mean()
         loss.backward()  # type: ignore[no-untyped-call]
         for optimizer in optimizers.values():

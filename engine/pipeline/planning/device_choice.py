@@ -14,7 +14,7 @@ from ...core.files import check
 from ...project.folder import ProjectFolder
 from ...rasterizer import Device
 from ...scene import PhotoSet
-from ...training import settings_with_sizes, sizes_on_card
+from ...training import preset_on_card, settings_with_sizes, sizes_on_card
 from ...training.settings import PRESETS, TrainingSettings
 from .card_forecast import card_bytes, gaussians_that_fit
 from .decisions import PlanSettings, largest_photo, n_test_photos
@@ -94,7 +94,7 @@ def choose_sizes(
         values = {"sh_degree": training.appearance.sh_degree, "width": width, "height": height}
         return training, {**values, "features": features, "n_photos": n_photos}
 
-    unbounded = sizes_on_card(preset, _UNBOUNDED, wanted)
+    unbounded = sizes_on_card(preset, _UNBOUNDED, wanted, n_training=n_training)
     if wanted and not unbounded:
         raise SettingsError(f"{_options(wanted)} cannot be used with the preset {preset}, whose sizes are fixed.")
     _, scene = on_card(unbounded if kept is None else kept)
@@ -104,11 +104,12 @@ def choose_sizes(
         max_buffer_bytes=device.max_buffer_bytes,
         **scene,
     )
-    chosen = sizes_on_card(preset, room, wanted)
+    chosen = sizes_on_card(preset, room, wanted, n_training=n_training)
     sizes = chosen if kept is None else kept
     if dict(sizes) != chosen:
         _require_kept(wanted, sizes)
-    smallest = PRESETS[preset].changed(**settings.overrides) if kept is None else on_card(kept)[0]
+    own = PRESETS[preset_on_card(preset, n_training)]
+    smallest = own.changed(**settings.overrides) if kept is None else on_card(kept)[0]
     needed = smallest.growth.max_gaussians
     if room < needed:
         reason = (

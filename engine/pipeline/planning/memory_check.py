@@ -43,7 +43,7 @@ def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free
     """Return the smaller presets that fit into `free` bytes, the largest first, with the bytes that each needs."""
     fitting = []
     for name in [preset.name for preset in reversed(OFFERED_PRESETS)]:
-        on_card = sizes_on_card(name, 0) if work.device.backend == "gpu" else {}
+        on_card = sizes_on_card(name, 0, n_training=work.n_training) if work.device.backend == "gpu" else {}
         preset = settings_with_sizes(name, on_card, work.n_training)
         scale = min(1.0, preset.schedule.max_side / max(work.photo_width, work.photo_height))
         smaller = replace(

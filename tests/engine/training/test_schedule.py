@@ -89,6 +89,23 @@ def test_the_number_of_gaussians_follows_the_pictures_size_to_the_budget(start: 
     assert n == pytest.approx(max(start, min(STANDARD.growth.max_gaussians, most)), rel=0.05)
 
 
+@pytest.mark.parametrize("start", [300, 7000, 40_000, 50_000])
+def test_the_budget_is_reached_in_time_from_any_number_of_points(start: int) -> None:
+    settings = STANDARD.changed(full_by=0.7, max_gaussians=40_000, coarse_levels=0)
+    schedule, reached = Schedule(settings, 3, 1.0), 0
+    n, factors = start, []
+    for step in range(settings.schedule.steps):
+        if schedule.grows(step):
+            before, n = n, schedule.gaussians_after_growth(step, n)
+            factors.append(n / before)
+            reached = reached or (step if n >= 40_000 else 0)
+    growth = settings.growth
+    full_at = growth.grow_from + 0.7 * (growth.grow_until - growth.grow_from)
+    assert n == max(start, 40_000) and reached <= full_at * settings.schedule.steps + growth.grow_interval
+    # Growth is even: no factor is far above the others, and none is below `grow_factor` before the budget is reached.
+    assert max(factors) <= max(growth.grow_factor, (40_000 / start) ** (1 / 50)) + 0.01
+
+
 def test_progress_runs_from_nothing_to_all() -> None:
     schedule = Schedule(STANDARD, 3, 1.0)
     done = [schedule.done(step) for step in range(STANDARD.schedule.steps + 1)]

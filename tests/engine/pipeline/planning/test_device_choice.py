@@ -79,6 +79,16 @@ def test_presets_are_larger_on_a_card_and_as_ever_on_the_processor(tmp_path: Pat
     assert "2 otherwise idle cores and Card (Vulkan)" in said
 
 
+def test_best_is_standard_on_a_card_with_few_photos() -> None:
+    best, standard = (plan(card(), preset, n=32) for preset in ("best", "standard"))
+    assert best.sizes == standard.sizes and training_settings(best) == training_settings(standard)
+    assert training_settings(plan(card(), "best")).growth.max_gaussians == 300_000
+    small = GIB // 2
+    assert plan(card(small), "best", n=32).sizes == plan(card(small), "standard", n=32).sizes
+    on_processor = training_settings(plan(Device("cpu", "cpu"), "best", n=32))
+    assert on_processor.growth.max_gaussians == PRESETS["best"].growth.max_gaussians
+
+
 def test_all_bands_of_colour_are_used_on_a_card_where_the_processor_would_try_one() -> None:
     on_card, on_processor = training_settings(plan(card(None))), training_settings(plan(Device("cpu", "cpu")))
     assert (on_processor.appearance.sh_degree, on_processor.loss.dropout) == (1, 0.0)

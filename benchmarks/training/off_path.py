@@ -1,0 +1,74 @@
+"""Errors in views that no photo has, and the share of needles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from engine.rasterizer.settings import Backend
+from engine.scene import Gaussians
+from engine.training import WELL_SEEN, Coverage, Parameters, TrainingView
+from engine.training.held_out import image_quality, render_picture
+from engine.training.settings import FeatureSettings
+from engine.training.trials import brightness_factors
+from engine.training.views import ViewPyramid
+
+__all__ = ["KINDS", "OffPath", "needles", "off_path_figures"]
+
+KINDS = ("near", "far", "above")
+"""What the names of views begin with: half the distance of a photo, one and a half times, and 20 degrees higher."""
+
+_NEEDLE = 5.0
+"""A Gaussian is a needle if it is longer than so many times its middle axis."""
+_VISIBLE = 0.05
+"""Gaussians of a lower opacity are not counted."""
+
+
+@dataclass(frozen=True)
+class OffPath:
+    """PSNR in dB of views of each of `KINDS`, with the brightness of each picture fitted, and their mean."""
+
+    near: float
+    far: float
+    above: float
+
+    @property
+    def mean(self) -> float:
+        """Mean of the kinds."""
+        return (self.near + self.far + self.above) / 3
+
+
+def off_path_figures(
+    gaussians: Gaussians, views: Sequence[TrainingView], trained: Sequence[TrainingView], *, backend: Backend = "cpu"
+) -> OffPath:
+    """Return the PSNR of Gaussians in the pixels of some views that show what at least three training photos see.
+
+    Parameters
+    ----------
+    gaussians : Gaussians
+    views : sequence of TrainingView
+        From `off_path_views.true_views`.
+    trained : sequence of TrainingView
+        The training photos.
+    backend : {"cpu", "gpu"}
+    """
+    values = Parameters.from_gaussians(gaussians, sh_degree=gaussians.sh_degree, features=False).values
+    coverage = Coverage(values, [view.pinhole for view in trained], backend=backend)
+    pyramid = ViewPyramid(views, FeatureSettings())
+    found: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    for number, view in enumerate(views):
+        level = pyramid.level(number, 0)
+        picture = render_picture(values, level, backend=backend, sh_degree=gaussians.sh_degree)
+        fitted = picture * brightness_factors(picture, level)
+        seen = coverage.counts(level.camera) >= WELL_SEEN
+        if seen.any():
+            found[view.photo.split("_")[0]].append(image_quality(fitted, level.pixels, seen).psnr)
+    return OffPath(*(float(np.mean(found[kind])) if found[kind] else float("nan") for kind in KINDS))
+
+
+def needles(gaussians: Gaussians) -> float:
+    """Return the share of visible Gaussians longer than five times their middle axis, in percent."""
+    ordered = np.sort(gaussians.log_scales[gaussians.opacity_logits > np.log(_VISIBLE / (1 - _VISIBLE))], axis=1)
+    return 100 * float((ordered[:, 2] - ordered[:, 1] > np.log(_NEEDLE)).mean())

@@ -1,0 +1,101 @@
+"""Views of a random room that no photo has, with their true pictures, which Blender renders.
+
+From some photos' places, the camera goes to half and to one and a half times the distance of what it shows in the
+middle, and 20 degrees higher. Where something is in the way, it goes as far as it can.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from engine.cameras import training_pinhole
+from engine.cameras.normalise import normalised_viewmat
+from engine.core.arrays import Float64
+from engine.objects.views import spread_cameras
+from engine.scene import Camera, CameraSet, PinholeCamera
+from engine.training import TrainingView
+
+from .off_path import KINDS
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "scripts"))
+
+from places import python_of  # noqa: E402
+
+__all__ = ["true_views"]
+
+_N_PLACES = 3
+"""Photos whose places views are made from."""
+_NEAR, _FAR, _RAISED = 0.5, 1.5, 20.0
+"""Distances relative to those of the photos, and degrees."""
+_STEEPEST = 80.0
+"""Degrees above which no view from above looks down."""
+_WIDTH, _HEIGHT, _FOCAL = 480, 360, 360.0
+_MIDDLE = 0.25
+"""Points within this part of the picture's sides around its middle are what the photo shows there."""
+
+
+def true_views(room: Path, camera_set: CameraSet) -> list[TrainingView]:
+    """Return the views of a room that no photo has, with Blender's pictures, in the world of `camera_set`.
+
+    Parameters
+    ----------
+    room : Path
+        With ``truth/room.json``.
+    camera_set : CameraSet
+        Of a project of the room, with sparse points.
+    """
+    made = json.loads((room / "truth" / "room.json").read_text(encoding="utf-8"))
+    to_room = camera_set.original_from_world
+    wanted = {
+        name: {key: (to_room[:3, :3] @ place + to_room[:3, 3]).tolist() for key, place in places.items()}
+        for name, places in _wanted(camera_set)
+    }
+    K = np.array([[_FOCAL, 0, _WIDTH / 2], [0, _FOCAL, _HEIGHT / 2], [0, 0, 1]])
+    with tempfile.TemporaryDirectory() as folder:
+        file, out = Path(folder) / "cameras.json", Path(folder) / "views"
+        cameras = {"width": _WIDTH, "height": _HEIGHT, "focal": _FOCAL, "views": wanted}
+        file.write_text(json.dumps(cameras), encoding="utf-8")
+        script = ROOT / "demo" / "random_rooms" / "make_views.py"
+        command = [str(one) for one in (python_of("blender-4.5"), script, "--cameras", file, "--out", out)]
+        command += ["--seed", str(made["seed"]), "--attempt", str(made["attempt"])]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        found = json.loads((out / "cameras.json").read_text(encoding="utf-8"))
+        return [
+            TrainingView(
+                name, PinholeCamera(normalised_viewmat(np.array(viewmat), to_room), K, _WIDTH, _HEIGHT),
+                np.asarray(Image.open(out / f"{name}.png")), None, True,
+            )
+            for name, viewmat in found.items()
+        ]  # fmt: skip
+
+
+def _wanted(camera_set: CameraSet) -> Iterator[tuple[str, dict[str, Float64]]]:
+    """Yield the name of each view and, in the world, the photo's place, the wanted one, and what is looked at."""
+    points = camera_set.points.astype(np.float64)
+    for number, camera in enumerate(spread_cameras(camera_set.cameras, _N_PLACES)):
+        middle = _middle(camera, points)
+        offset = camera.center - middle
+        distance, flat = float(np.linalg.norm(offset)), float(np.linalg.norm(offset[:2]))
+        height = np.radians(min(np.degrees(np.arctan2(offset[2], flat)) + _RAISED, _STEEPEST))
+        raised = np.array([*(offset[:2] / flat * np.cos(height)), np.sin(height)]) * distance
+        for kind, one in zip(KINDS, (offset * _NEAR, offset * _FAR, raised), strict=True):
+            yield f"{kind}_{number}", {"from": camera.center, "eye": middle + one, "at": middle}
+
+
+def _middle(camera: Camera, points: Float64) -> Float64:
+    """Return the place on the optical axis at the median depth of the points in the middle of a photo."""
+    pinhole = training_pinhole(camera, max_side=_WIDTH)
+    x, y, depth = (points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]).T
+    reach = _MIDDLE * np.array([pinhole.width, pinhole.height]) / pinhole.K[0, 0]
+    central = (depth > 0) & (np.abs(x) < reach[0] * depth) & (np.abs(y) < reach[1] * depth)
+    middle = np.median(depth[central] if central.any() else depth[depth > 0])
+    return np.asarray(camera.center + middle * camera.viewmat[2, :3])
