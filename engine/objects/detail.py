@@ -153,19 +153,21 @@ def detail_object(
     if len(cut.training) < _MIN_PHOTOS:
         why = f"only {len(cut.training)} training photos show it, and it needs {_MIN_PHOTOS}"
         return DetailResult(None, {**record, "why": why})
-    trained, parents = _trained(
+    detail, parents = _trained(
         views, cut, should_stop, lambda done, left: tell(_PREPARATION + (1 - _PREPARATION) * done, left)
     )
-    record |= cut.record | {
-        "gaussians": [len(cut.rows), len(trained)], "device": "card" if views.scene.backend == "gpu" else "processor",
+    judged = _judged(views, cut, detail)
+    record |= cut.record | judged.record | {
+        "device": "card" if views.scene.backend == "gpu" else "processor",
+        "seconds": round(time.perf_counter() - started, 1),
     }  # fmt: skip
-    judged = _judged(views, cut, trained)
-    record |= judged.record | {"seconds": round(time.perf_counter() - started, 1)}
-    if judged.why is not None:
+    if judged.kept is None:
         return DetailResult(None, {**record, "why": judged.why})
+    if judged.kept is not detail:
+        parents = np.arange(len(judged.kept))
     order = np.argsort(parents, kind="stable")
     means = views.scene.gaussians.means[cut.rows]
-    kept = Detailed(cut.rows.astype(np.int32), means, cut.own.astype(np.int32)[parents[order]], trained[order])
+    kept = Detailed(cut.rows.astype(np.int32), means, cut.own.astype(np.int32)[parents[order]], judged.kept[order])
     return DetailResult(kept, {**record, "kept": True})
 
 
@@ -237,25 +239,34 @@ def _trained(
 
 
 class _Judged(NamedTuple):
-    """Figures of the detail for the record, and why it is not kept; None where it is."""
+    """The Gaussians that are kept of an object, none if it stays as it is in the scene; why; and figures."""
 
+    kept: Gaussians | None
+    why: str
     record: dict[str, Any]
-    why: str | None
 
 
-def _judged(views: Views, cut: _Cut, trained: Gaussians) -> _Judged:
-    """Compare the detail with the object as it is in the scene, in the photos that decide."""
-    given = replace(views.scene.gaussians[cut.rows], features=None)
-    before, after = (_scores(views.scene.with_gaussians(one), cut.validation) for one in (given, trained))
-    gain = after.psnr - before.psnr
-    record = {
-        "psnr": [round(before.psnr, 2), round(after.psnr, 2)],
-        "beyond": [round(before.beyond, 4), round(after.beyond, 4)],
-    }
-    ends_sooner = after.beyond < _CLEARLY_LESS * before.beyond
-    if gain >= _MIN_GAIN or (ends_sooner and gain >= -_MIN_GAIN):
-        return _Judged(record, None)
-    return _Judged(record, f"photos that were left out show no gain ({gain:+.1f} dB)")
+def _judged(views: Views, cut: _Cut, detail: Gaussians) -> _Judged:
+    """Compare the detail with the object as it is in the scene, in the photos that decide.
+
+    If it is not kept, what was trained may still be better as it is in the scene, without what was left out.
+    """
+    given, own = (replace(views.scene.gaussians[rows], features=None) for rows in (cut.rows, cut.own))
+    before = _scores(views.scene.with_gaussians(given), cut.validation)
+    refused = None
+    for one in (detail, own) if len(own) < len(given) else (detail,):
+        after = _scores(views.scene.with_gaussians(one), cut.validation)
+        gain = after.psnr - before.psnr
+        record = {
+            "gaussians": [len(given), len(one)], "trained": one is detail,
+            "psnr": [round(before.psnr, 2), round(after.psnr, 2)],
+            "beyond": [round(before.beyond, 4), round(after.beyond, 4)],
+        }  # fmt: skip
+        if gain >= _MIN_GAIN or (after.beyond < _CLEARLY_LESS * before.beyond and gain >= -_MIN_GAIN):
+            return _Judged(one, "", record)
+        refused = refused or _Judged(None, f"photos that were left out show no gain ({gain:+.1f} dB)", record)
+    assert refused is not None, "at least the detail was compared"
+    return refused
 
 
 def _steps(n_steps: int, n_shown: Sequence[float]) -> int:

@@ -23,6 +23,7 @@ from ..pictures.settings import VISIBLE_SHARE
 from ..project.folder import ProjectFolder
 from ..scene import Camera, PinholeCamera
 from ..training import DetailCrop
+from ..training.settings import TEST_PHOTOS
 from .context import photo_folder_of
 from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box
 
@@ -31,6 +32,12 @@ __all__ = ["DetailCutter", "DetailPhotos"]
 _MIN_INSIDE = 0.5  # chosen on room_1, room_5, herz_jesus25, banana16
 """Share of the pixels that show a Gaussian in the photos in which the object is what is seen, from which on detail is
 made of it. The others are part of something else."""
+
+_WELL_SEEN = 0.5  # chosen on room_5, room_7
+"""Share of the pixels that a Gaussian has in the object alone, which the photos must show of it: less says nothing."""
+
+_MIN_DRAWN = 0.25  # chosen on room_5, room_7
+"""Share of these pixels that must be inside of the outline, where the photos show less."""
 
 _MIN_SHARE = 0.3  # chosen on museum_room
 """Share of a pixel that the object contributes in the scene at which the coverage that it has alone starts to rise; it
@@ -112,8 +119,9 @@ class DetailPhotos:
 
         record = project.stage_record("training") or {}
         figures, given = record.get("figures", {}), (record.get("run") or {}).get("settings") or {}
-        plan = project.get("plan")
-        held_out = plan.get("held_out", ()) if isinstance(plan, dict) else ()
+        # Where there is no test photo, the scene was measured on photos that it was trained on.
+        measured = figures.get("measured_photos") if figures.get("measured_on") == TEST_PHOTOS else None
+        held_out = measured if isinstance(measured, list) else []
         masks: Mapping[str, Path] = {}
         if (listing := project.path / "photos" / "photos.json").is_file():
             masks = read_photo_set(listing).mask_files
@@ -159,7 +167,9 @@ class DetailCutter:
         self.n_shown: dict[str, float] = {}
         self._frames: dict[str, PinholeCamera] = {}
         self._parts: list[tuple[Camera, PinholeCamera]] = []
-        inside, shown = np.zeros((2, len(members)), np.float32)
+        rows = np.flatnonzero(members)
+        alone = views.scene.with_gaussians(replace(views.scene.gaussians[rows], features=None))
+        shown, drawn = np.zeros((2, len(rows), 2), np.float32)
         for camera in cameras:
             if should_stop():
                 raise Cancelled("Stopped while detailing; nothing was stored.")
@@ -167,12 +177,17 @@ class DetailCutter:
             share = views.scene.share(small, members)
             visible = share > VISIBLE_SHARE
             if camera.photo not in photos.held_out:
-                votes = views.scene.votes(small, np.dstack([visible, np.ones_like(visible)]).astype(np.float32))
-                inside, shown = inside + votes[:, 0], shown + votes[:, 1]
+                near = _dilated(visible, max(1, round(_RIM_SHARE * max(small.width, small.height))))
+                everything = np.ones_like(visible)
+                sets = [np.dstack([mask, everything]).astype(np.float32) for mask in (visible, near)]
+                shown += views.scene.votes(small, sets[0])[rows]
+                drawn += alone.votes(small, sets[1])
             if visible.sum() >= MIN_VISIBLE_PIXELS:
                 self._parts.append((camera, self._part(camera, small, share)))
-        left = members & ((inside >= _MIN_INSIDE * shown) | (shown < 1))
-        self.left = left if left.any() else members
+        self.left = np.zeros_like(members)
+        self.left[rows[_shown_inside(shown, drawn)]] = True
+        if not self.left.any():
+            self.left = members
         trained = replace(views.scene.gaussians[np.flatnonzero(self.left)], features=None)
         low, _, high = inner_box(trained.means)
         self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
@@ -250,8 +265,7 @@ class DetailCutter:
         rim = max(1, round(_RIM_SHARE * max(full.width, full.height) * small.K[0, 0] / full.K[0, 0]))
         inside = erode_mask(visible, rim) & visible
         alpha = np.where(inside, np.float32(1), alpha)
-        kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
-        compared = cv2.dilate((share > _COMPARED_SHARE).astype(np.uint8), kernel) > 0
+        compared = _dilated(share > _COMPARED_SHARE, rim)
         shown = (inside | agrees) & valid
         return DetailCrop(
             camera.photo, part, pixels, compared & valid, inside & valid, shown, shown & of_trained,
@@ -296,6 +310,32 @@ class DetailCutter:
         hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
         of_trained = in_scene.channels[..., 2] >= share / 2
         return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated, of_trained
+
+
+def _dilated(mask: Mask, width: int) -> Mask:
+    """Return a mask, [h, w], with `width` pixels around it."""
+    side = 2 * width + 1
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
+
+
+def _shown_inside(shown: Float32, drawn: Float32) -> Mask:
+    """Return which Gaussians belong inside of an object's outline, bool [M].
+
+    Parameters
+    ----------
+    shown : array of shape [M, 2], float32
+        Pixels inside, and all pixels, that show each Gaussian in the photos.
+    drawn : array of shape [M, 2], float32
+        The same of the object drawn alone, with a margin around the outline.
+
+    Notes
+    -----
+    A Gaussian of the wall behind an object that reaches in front of it belongs to it by what surrounds it. Most of what
+    the photos show of it lies outside. Of one below the floor, they show little or nothing, and it lies outside too.
+    """
+    beside = (shown[:, 0] < _MIN_INSIDE * shown[:, 1]) & (shown[:, 1] >= 1)
+    hidden = (shown[:, 1] < _WELL_SEEN * drawn[:, 1]) & (drawn[:, 1] >= 1)
+    return ~beside & ~(hidden & (drawn[:, 0] < _MIN_DRAWN * drawn[:, 1]))
 
 
 def _map_camera(part: PinholeCamera) -> PinholeCamera:
