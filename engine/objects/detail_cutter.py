@@ -36,9 +36,6 @@ made of it. The others are part of something else."""
 _WELL_SEEN = 0.5  # chosen on room_5, room_7
 """Share of the pixels that a Gaussian has in the object alone, which the photos must show of it: less says nothing."""
 
-_MIN_DRAWN = 0.25  # chosen on room_5, room_7
-"""Share of these pixels that must be inside of the outline, where the photos show less."""
-
 _MIN_SHARE = 0.3  # chosen on museum_room
 """Share of a pixel that the object contributes in the scene at which the coverage that it has alone starts to rise; it
 is 1 at one minus this."""
@@ -335,7 +332,7 @@ def _shown_inside(shown: Float32, drawn: Float32) -> Mask:
     """
     beside = (shown[:, 0] < _MIN_INSIDE * shown[:, 1]) & (shown[:, 1] >= 1)
     hidden = (shown[:, 1] < _WELL_SEEN * drawn[:, 1]) & (drawn[:, 1] >= 1)
-    return ~beside & ~(hidden & (drawn[:, 0] < _MIN_DRAWN * drawn[:, 1]))
+    return ~beside & ~(hidden & (drawn[:, 0] < _MIN_INSIDE * drawn[:, 1]))
 
 
 def _map_camera(part: PinholeCamera) -> PinholeCamera:
