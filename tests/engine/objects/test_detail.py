@@ -162,7 +162,7 @@ def test_test_photos_decide_and_are_not_trained_on(seen: Seen, detailed: DetailR
         for folder in (tmp_path, seen.photos.folder)
     )
     assert dark.record["psnr"][1] < same.record["psnr"][1] and same.detailed is not None
-    if dark.detailed is not None:
+    if dark.detailed is not None and dark.record["trained"]:
         np.testing.assert_array_equal(dark.detailed.gaussians.sh, same.detailed.gaussians.sh)
 
 
@@ -245,6 +245,8 @@ def test_detail_that_only_reaches_less_far_out_is_kept(seen: Seen, monkeypatch: 
     assert scored(seen, monkeypatch, (20, 0.2), (20, 0.19), (20, 0.19)).detailed is None
     assert scored(seen, monkeypatch, (20, 0.2), (19.9, 0.1), (19.9, 0.1)).detailed is None
     assert scored(seen, monkeypatch, (20, 0.2), (20.1, 0.3)).detailed is not None
+    assert scored(seen, monkeypatch, (20, 0.2), (19.92, 0.05)).detailed is not None
+    assert scored(seen, monkeypatch, (20, 0.2), (19.8, 0.01), (19.8, 0.01)).detailed is None
 
 
 def test_object_without_what_is_beside_it_is_kept_where_its_training_is_not(
