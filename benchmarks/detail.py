@@ -79,22 +79,30 @@ missing because the word did not find it.
   times, or all crops have more than 160 million pixels: then they are read smaller, which the record says, but not
   below crops of 600,000 pixels. Windows that a step sees once are fitted to that photo: with 1,500 steps on photos of
   12 megapixels, the test photos lose 0.5 dB.
+- Members that the photos show beside the object are left out: of a Gaussian, at least half of what the photos show must
+  lie where the object makes up more than half of a pixel. A few large Gaussians of a wall or floor make most of the
+  haze ([notes](design_notes/objects.md)). Of the pixels that a Gaussian has in the object drawn alone, the photos must
+  show half, or half must lie inside of the outline: what a floor hides is left out too. They stay in the scene, frozen,
+  and the outline is still that of all members, so that the others grow to where they are needed.
 - Gaussians are split where the error of the object is: up to one for 8 pixels of its surface, one for 100 pixels that
   the steps compare, 300,000, and six times as many as before, or more where the photos are finer than those that the
   scene was trained on. Above 400,000 pixels in a photo, an object gets more steps, by the root of its pixels, up to
   three times as many. Each follows the Gaussian of the scene that it was split from, so *Threshold*, *Part to Whole*,
   corrections and edits by hand go on working. None may be a needle, reach far, or leave the object's box.
-- The test photos decide. If the object is not closer to them than before, it stays as it is, which its record says
-  (``detail`` in ``object.json``). Other photos cannot: the scene was trained on them, so they favour the object as it
-  is. They decide, more strictly, only where no test photo shows the object. So the photos of the tables below decided
-  one thing: whether the detail is kept.
+- The test photos decide, where they do not mostly show what was left out. An object is kept if it is closer to them
+  than before, or equally close and covers a tenth less outside of its outline, or loses up to 0.1 dB and covers half
+  less. If it is not, the same is asked of the object without what was left out, untrained. Else it stays as it is,
+  which its record says (``detail`` in ``object.json``). Other photos cannot decide: the scene was trained on them, so
+  they favour the object as it is. They do, more strictly, only where no test photo shows the object. So the photos of
+  the tables below decided one thing: whether the detail is kept.
 - Near and sharp photos are drawn more often. Where an object is and what hides it is seen in maps of 600,000 pixels at
   most: the scene, trained on small photos, knows no more.
 - A step on the processor touches the Gaussians of its window alone. The others are caught up when a window shows them,
   as Adam would have moved them.
 - On a graphics card that renders the scene, the steps run too, with the same windows and rates: object and scene stay
   there, and windows are copied to it. The object alone takes the sorted lists of the picture of the whole scene. If the
-  card fails or its memory is full, nothing of the object is stored, and the message says how to go on.
+  card fails or its memory is full, a warning says so and the processor makes the steps, unless `--device gpu` demands
+  the card.
 - Segments of the photos do not correct the outlines: in the museum room they were closer to the truth than those of the
   scene for 2 of 8 exhibits and farther for 5.
 

@@ -13,18 +13,28 @@ import numpy as np
 
 from ..cameras import training_pinhole, undistort
 from ..core.arrays import Float32, Mask, Pixels
+from ..core.errors import Cancelled
+from ..core.events import StopCheck
 from ..core.system import usable_cores
 from ..masks import mask_box
 from ..photos import load_with_valid
 from ..pictures import Rendered, Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..project.folder import ProjectFolder
-from ..scene import Camera, Gaussians, PinholeCamera
+from ..scene import Camera, PinholeCamera
 from ..training import DetailCrop
+from ..training.settings import TEST_PHOTOS
 from .context import photo_folder_of
 from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box
 
 __all__ = ["DetailCutter", "DetailPhotos"]
+
+_MIN_INSIDE = 0.5  # chosen on room_1, room_5, herz_jesus25, banana16
+"""Share of the pixels that show a Gaussian in the photos in which the object is what is seen, from which on detail is
+made of it. The others are part of something else."""
+
+_WELL_SEEN = 0.5  # chosen on room_5, room_7
+"""Share of the pixels that a Gaussian has in the object alone, which the photos must show of it: less says nothing."""
 
 _MIN_SHARE = 0.3  # chosen on museum_room
 """Share of a pixel that the object contributes in the scene at which the coverage that it has alone starts to rise; it
@@ -106,8 +116,9 @@ class DetailPhotos:
 
         record = project.stage_record("training") or {}
         figures, given = record.get("figures", {}), (record.get("run") or {}).get("settings") or {}
-        plan = project.get("plan")
-        held_out = plan.get("held_out", ()) if isinstance(plan, dict) else ()
+        # Where there is no test photo, the scene was measured on photos that it was trained on.
+        measured = figures.get("measured_photos") if figures.get("measured_on") == TEST_PHOTOS else None
+        held_out = measured if isinstance(measured, list) else []
         masks: Mapping[str, Path] = {}
         if (listing := project.path / "photos" / "photos.json").is_file():
             masks = read_photo_set(listing).mask_files
@@ -116,36 +127,68 @@ class DetailPhotos:
         return cls(photo_folder_of(project), frozenset(held_out), figures.get("exposure") or {}, masks, trained_side)
 
 
-@dataclass
 class DetailCutter:
     """Cuts the parts that show an object out of photos.
+
+    Parameters
+    ----------
+    views : Views
+    photos : DetailPhotos
+    members : array of shape [N], bool
+    cameras : sequence of Camera
+        Of training photos and of test photos.
+    should_stop : callable
 
     Attributes
     ----------
     left : array of shape [N], bool
-        Those of the members that are trained.
+        Those of the members that are trained: the photos show them inside of the object's outline.
     scale : float
         Scale of all parts relative to the photos' own.
     n_shown : dict of str to float
-        By photo, of those that `part` was asked for: its own pixels that show the object.
+        By photo, of those that show the object: its own pixels that do.
     n_reduced : int
         Photos that were read smaller than they are.
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` returns True.
     """
 
-    views: Views
-    photos: DetailPhotos
-    members: Mask
-    left: Mask
-    trained: Gaussians
-    scale: float = 1.0
-    n_reduced: int = 0
-
-    def __post_init__(self) -> None:
-        low, _, high = inner_box(self.trained.means)
-        self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
-        self._alone = self.views.scene.with_gaussians(self.trained)
-        self._frames: dict[str, PinholeCamera] = {}
+    def __init__(
+        self, views: Views, photos: DetailPhotos, members: Mask, cameras: Sequence[Camera], should_stop: StopCheck
+    ) -> None:
+        self.views, self.photos, self.members = views, photos, members
+        self.scale, self.n_reduced = 1.0, 0
         self.n_shown: dict[str, float] = {}
+        self._frames: dict[str, PinholeCamera] = {}
+        self._parts: list[tuple[Camera, PinholeCamera]] = []
+        rows = np.flatnonzero(members)
+        alone = views.scene.with_gaussians(replace(views.scene.gaussians[rows], features=None))
+        shown, drawn = np.zeros((2, len(rows), 2), np.float32)
+        for camera in cameras:
+            if should_stop():
+                raise Cancelled("Stopped while detailing; nothing was stored.")
+            small = training_pinhole(camera, max_side=views.render_side)
+            share = views.scene.share(small, members)
+            visible = share > VISIBLE_SHARE
+            if camera.photo not in photos.held_out:
+                near = _dilated(visible, max(1, round(_RIM_SHARE * max(small.width, small.height))))
+                everything = np.ones_like(visible)
+                sets = [np.dstack([mask, everything]).astype(np.float32) for mask in (visible, near)]
+                shown += views.scene.votes(small, sets[0])[rows]
+                drawn += alone.votes(small, sets[1])
+            if visible.sum() >= MIN_VISIBLE_PIXELS:
+                self._parts.append((camera, self._part(camera, small, share)))
+        self.left = np.zeros_like(members)
+        self.left[rows[_shown_inside(shown, drawn)]] = True
+        if not self.left.any():
+            self.left = members
+        trained = replace(views.scene.gaussians[np.flatnonzero(self.left)], features=None)
+        low, _, high = inner_box(trained.means)
+        self._occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
+        self._alone = views.scene.with_gaussians(trained)
 
     @property
     def finer(self) -> float:
@@ -153,15 +196,11 @@ class DetailCutter:
         sides = [max(one.width, one.height) for one in self.views.cameras.cameras]
         return self.scale * min(float(np.median(sides)), _MAX_SIDE) / self.photos.trained_side
 
-    def crops(
-        self, cameras: Sequence[Camera], parts: Sequence[PinholeCamera], n_compared: float
-    ) -> Iterator[DetailCrop]:
-        """Yield the parts of photos that show the object, as `part` found them. Photos are read ahead by threads.
+    def crops(self, n_compared: float) -> Iterator[DetailCrop]:
+        """Yield the parts of photos that show the object. Photos are read ahead by threads.
 
         Parameters
         ----------
-        cameras : sequence of Camera
-        parts : sequence of PinholeCamera
         n_compared : float
             Pixels that all steps compare.
 
@@ -170,14 +209,14 @@ class DetailCutter:
         PhotoError
             When a photo cannot be read.
         """
-        sizes = [part.width * part.height for part in parts]
-        seen = n_compared / (_PASSES * max(1.0, sum(self.n_shown[camera.photo] for camera in cameras)))
+        sizes = [part.width * part.height for _, part in self._parts]
+        seen = n_compared / (_PASSES * max(1.0, sum(self.n_shown.values())))
         of_maps = _MAP_PIXELS / float(np.median(sizes)) if sizes else 1.0
         self.scale = math.sqrt(min(1.0, _MAX_PIXELS / max(1, sum(sizes)), max(seen, of_maps)))
         pool = ThreadPoolExecutor(min(_READERS, len(usable_cores())))
         try:
             waiting: list[Future[DetailCrop]] = []
-            for camera, part in zip(cameras, parts, strict=True):
+            for camera, part in self._parts:
                 resized = _resized(part, self.scale)
                 self.n_reduced += self.scale < 1.0 or max(camera.width, camera.height) > _MAX_SIDE
                 waiting.append(pool.submit(self._crop, camera, resized, self._coverage(_map_camera(resized))))
@@ -223,21 +262,16 @@ class DetailCutter:
         rim = max(1, round(_RIM_SHARE * max(full.width, full.height) * small.K[0, 0] / full.K[0, 0]))
         inside = erode_mask(visible, rim) & visible
         alpha = np.where(inside, np.float32(1), alpha)
-        kernel = np.ones((2 * rim + 1, 2 * rim + 1), np.uint8)
-        compared = cv2.dilate((share > _COMPARED_SHARE).astype(np.uint8), kernel) > 0
+        compared = _dilated(share > _COMPARED_SHARE, rim)
         shown = (inside | agrees) & valid
         return DetailCrop(
             camera.photo, part, pixels, compared & valid, inside & valid, shown, shown & of_trained,
             alpha.astype(np.float32), known, gain, float(visible.sum()),
         )  # fmt: skip
 
-    def part(self, camera: Camera) -> PinholeCamera | None:
-        """Return the camera of the part of a photo that shows the object; None where it hardly does."""
+    def _part(self, camera: Camera, small: PinholeCamera, share: Float32) -> PinholeCamera:
+        """Return the camera of the part of a photo that shows the object, by its share of the pixels of `small`."""
         frame = self._frames[camera.photo] = training_pinhole(camera, max_side=_MAX_SIDE)
-        small = training_pinhole(camera, max_side=self.views.render_side)
-        share = self.views.scene.share(small, self.members)
-        if (share > VISIBLE_SHARE).sum() < MIN_VISIBLE_PIXELS:
-            return None
         box = mask_box(share > _MIN_SHARE)
         assert box is not None, "the object is visible in this view"
         scale = frame.K[0, 0] / small.K[0, 0]
@@ -273,6 +307,32 @@ class DetailCutter:
         hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
         of_trained = in_scene.channels[..., 2] >= share / 2
         return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated, of_trained
+
+
+def _dilated(mask: Mask, width: int) -> Mask:
+    """Return a mask, [h, w], with `width` pixels around it."""
+    side = 2 * width + 1
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
+
+
+def _shown_inside(shown: Float32, drawn: Float32) -> Mask:
+    """Return which Gaussians belong inside of an object's outline, bool [M].
+
+    Parameters
+    ----------
+    shown : array of shape [M, 2], float32
+        Pixels inside, and all pixels, that show each Gaussian in the photos.
+    drawn : array of shape [M, 2], float32
+        The same of the object drawn alone, with a margin around the outline.
+
+    Notes
+    -----
+    A Gaussian of the wall behind an object that reaches in front of it belongs to it by what surrounds it. Most of what
+    the photos show of it lies outside. Of one below the floor, they show little or nothing, and it lies outside too.
+    """
+    beside = (shown[:, 0] < _MIN_INSIDE * shown[:, 1]) & (shown[:, 1] >= 1)
+    hidden = (shown[:, 1] < _WELL_SEEN * drawn[:, 1]) & (drawn[:, 1] >= 1)
+    return ~beside & ~(hidden & (drawn[:, 0] < _MIN_INSIDE * drawn[:, 1]))
 
 
 def _map_camera(part: PinholeCamera) -> PinholeCamera:

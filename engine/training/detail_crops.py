@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arrays import Float32, Mask, Pixels
+from ..rasterizer import n_usable_cores
 from ..scene import PinholeCamera
 
 __all__ = ["DetailCrop", "DetailPlan", "Levels", "tiles"]
@@ -178,11 +180,9 @@ class Levels:
 
     def __init__(self, crops: Sequence[DetailCrop], plan: DetailPlan) -> None:
         self._crops, self._plan = crops, plan
-        self._coarse = [crop.reduced(plan.window_pixels) for crop in crops]
-        self._middle = [
-            crop.reduced(crop.alpha.size) if math.prod(crop.shape) > _MUCH_LARGER * crop.alpha.size else crop
-            for crop in crops
-        ]
+        with ThreadPoolExecutor(n_usable_cores()) as pool:
+            self._coarse = list(pool.map(lambda crop: crop.reduced(plan.window_pixels), crops))
+            self._middle = list(pool.map(_as_large_as_its_maps, crops))
         weights = np.array([crop.weight for crop in crops])
         self._weights = weights / weights.sum()
         self._random = np.random.default_rng(0)
@@ -194,6 +194,11 @@ class Levels:
             return self._coarse[index]
         crops = self._middle if step < _MIDDLE * self._plan.steps else self._crops
         return crops[index].random_window(self._plan.window_pixels, self._random)
+
+
+def _as_large_as_its_maps(crop: DetailCrop) -> DetailCrop:
+    """Return the crop at the size of its maps, or as it is where it is little larger."""
+    return crop.reduced(crop.alpha.size) if math.prod(crop.shape) > _MUCH_LARGER * crop.alpha.size else crop
 
 
 def tiles(crop: DetailCrop, max_pixels: int, side: int = 384) -> list[DetailCrop]:

@@ -25,7 +25,7 @@ from .parameters import Parameters
 from .quality import measure_levels
 from .result import TrainingResult, make_result
 from .schedule import Schedule
-from .settings import TrainingSettings
+from .settings import TEST_PHOTOS, TrainingSettings
 from .spectrum import coarse_shares
 from .start import StartPoints
 from .steps import Inputs, Steps
@@ -156,7 +156,7 @@ class _TrainingRun:
             n_background, start = len(background), background.joined(start)
         self.settings, self.checkpoints, self.emit, self.should_stop = settings, checkpoints, emit, should_stop
         self.pyramid = ViewPyramid(training, settings.features, prepares_targets=settings.backend != "gpu")
-        self.measured_on = "test photos" if held_out else "training photos"
+        self.measured_on = TEST_PHOTOS if held_out else "training photos"
         self.measured = ViewPyramid(_measured_views(held_out or training), settings.features)
         extent = scene_extent([view.pinhole for view in training])
         center = torch.tensor(np.mean([view.pinhole.center for view in training], axis=0), dtype=torch.float32)

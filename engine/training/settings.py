@@ -25,6 +25,7 @@ __all__ = [
     "PAPER_PIXELS",
     "PRESETS",
     "PRESET_LIST",
+    "TEST_PHOTOS",
     "AppearanceSettings",
     "FeatureSettings",
     "GrowthSettings",
@@ -45,6 +46,9 @@ MAX_GROW_FACTOR = 2.0
 
 LAMBDA_DSSIM = 0.2
 """Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
+
+TEST_PHOTOS = "test photos"
+"""What a training's record calls the photos that a scene is measured on, where it was not trained on them."""
 
 _MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
 """Least number of times that a trial trains on each photo."""
