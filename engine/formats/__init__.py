@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .spherical_harmonics import SH_C0
     from .splat import read_splat
     from .spz import read_spz, write_spz
-    from .table import DEFAULT_FORMAT, FORMATS, FileFacts, Format, WritingTools, format_of, write_scene
+    from .table import DEFAULT_FORMAT, FORMATS, FileFacts, Format, WritingTools, format_of, write_mesh, write_scene
     from .transform import logits_of, rotations_from_quats, transform_gaussians, unit_quats
     from .usd import has_openusd, write_usd
     from .usd_elsewhere import write_usd_elsewhere
@@ -57,6 +57,7 @@ __all__ = [
     "transform_gaussians",
     "unit_quats",
     "write_glb",
+    "write_mesh",
     "write_ply",
     "write_scene",
     "write_sog",

@@ -33,20 +33,20 @@ from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .spherical_harmonics import SH_C0
 from .transform import AffineMap, logits_of, transform_gaussians, unit_quats
 
-__all__ = ["EXTENSION", "read_glb", "write_glb"]
+__all__ = ["BIN_CHUNK", "EXTENSION", "JSON_CHUNK", "MAGIC", "MAX_FILE_SIZE", "XMP", "read_glb", "write_glb"]
 
 EXTENSION = "KHR_gaussian_splatting"
-_XMP = "KHR_xmp_json_ld"
+XMP = "KHR_xmp_json_ld"
 _ROTATION = f"{EXTENSION}:ROTATION"
 _SCALE = f"{EXTENSION}:SCALE"
 _OPACITY = f"{EXTENSION}:OPACITY"
 _SEEN = "_PHOTOS_SEEN"
 _ROWS_PER_CHUNK = 1 << 16
 """Gaussians whose values are made at once."""
-_MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+MAGIC, JSON_CHUNK, BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _FLOAT, _USHORT, _ARRAY_BUFFER = 5126, 5123, 34962
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-_MAX_FILE_SIZE = 2**32 - 1
+MAX_FILE_SIZE = 2**32 - 1
 """Bytes; the header of a GLB states its size as a 32 bit number."""
 _MAX_JSON_BYTES = 16 << 20
 _SCHEMA = {
@@ -114,15 +114,15 @@ def write_glb(
     text = json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + (8 + n_bytes if n_bytes else 0)
-    if total > _MAX_FILE_SIZE:
+    if total > MAX_FILE_SIZE:
         raise FormatError(
             f"{path} would take {total / 2**30:.1f} GiB; GLB is limited to 4 GiB. Export fewer Gaussians, or as PLY."
         )
     with atomic_write(path) as stream:
-        stream.write(struct.pack("<III", _MAGIC, 2, total))
-        stream.write(struct.pack("<II", len(text), _JSON_CHUNK) + text)
+        stream.write(struct.pack("<III", MAGIC, 2, total))
+        stream.write(struct.pack("<II", len(text), JSON_CHUNK) + text)
         if n_bytes:
-            stream.write(struct.pack("<II", n_bytes, _BIN_CHUNK))
+            stream.write(struct.pack("<II", n_bytes, BIN_CHUNK))
             for attribute in attributes.values():
                 for start in range(0, len(turned), _ROWS_PER_CHUNK):
                     part = slice(start, start + _ROWS_PER_CHUNK)
@@ -203,9 +203,9 @@ def _document(
         "nodes": [node],
     }
     if xmp is not None:
-        document["extensionsUsed"].append(_XMP)
-        document["extensions"] = {_XMP: {"packets": [dict(xmp)]}}
-        asset["extensions"] = {_XMP: {"packet": 0}}
+        document["extensionsUsed"].append(XMP)
+        document["extensions"] = {XMP: {"packets": [dict(xmp)]}}
+        asset["extensions"] = {XMP: {"packet": 0}}
     if count == 0:
         # glTF does not allow an empty accessor: an object without Gaussians is a node without a mesh.
         document["extensionsUsed"].remove(EXTENSION)
@@ -339,14 +339,14 @@ def _read_head(stream: IO[bytes], path: Path) -> tuple[dict[str, Any], _BinaryPa
     size = stream.seek(0, os.SEEK_END)
     stream.seek(0)
     head = stream.read(20)
-    if len(head) >= 12 and struct.unpack_from("<II", head) != (_MAGIC, 2):
+    if len(head) >= 12 and struct.unpack_from("<II", head) != (MAGIC, 2):
         raise FormatError(f"{path} is not a glTF 2.0 binary (.glb). Choose another file.")
     if len(head) < 20:
         raise FormatError(f"{path} is not a readable GLB: it has {len(head)} bytes. Copy or export it again.")
     _, _, total, length, kind = struct.unpack("<IIIII", head)
     if total != size:
         raise FormatError(f"{path} is truncated: it has {size} of {total} bytes. Copy or export it again.")
-    if kind != _JSON_CHUNK or length > min(size - 20, _MAX_JSON_BYTES):
+    if kind != JSON_CHUNK or length > min(size - 20, _MAX_JSON_BYTES):
         raise FormatError(f"{path} is not a readable GLB: it does not begin with its JSON part. Export it again.")
     text = stream.read(length).decode("utf-8", "replace")
     document = parse_json(text, _SCHEMA, source=str(path), advice="Copy or export it again.")
@@ -354,7 +354,7 @@ def _read_head(stream: IO[bytes], path: Path) -> tuple[dict[str, Any], _BinaryPa
     if not head:
         return document, _BinaryPart(stream, size, 0)
     length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
-    if kind != _BIN_CHUNK or length > size - stream.tell():
+    if kind != BIN_CHUNK or length > size - stream.tell():
         raise FormatError(f"{path} is not a readable GLB: its binary part is damaged. Copy or export it again.")
     # The arrays, and one attribute beside them.
     require_memory(path, length + length // 2)

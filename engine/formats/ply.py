@@ -31,7 +31,7 @@ from .ply_rows import COLOR, NORMAL, POSITION, ROTATION, SCALE, RowsToWrite, col
 from .render_mode import ANTIALIASED_NOTE, RENDER_MODE, RENDER_MODE_KEY, is_antialiased, without_mode
 from .transform import AffineMap, logits_of
 
-__all__ = ["PlyFile", "check_finite", "read_ply", "read_ply_file", "write_ply"]
+__all__ = ["ascii_text", "PlyFile", "check_finite", "read_ply", "read_ply_file", "write_ply"]
 
 _ARRAYS = ("means", "log_scales", "quats", "opacity_logits", "sh")
 _REST_COUNTS = (0, 9, 24, 45)
@@ -173,7 +173,7 @@ def write_ply(
         stated += [f"{RENDER_MODE_KEY}: {RENDER_MODE[True]}"] if gaussians.antialiased else []
         stated += comments
         lines = ["format binary_little_endian 1.0"]
-        lines += [f"comment {_ascii(' '.join(comment.split()))}" for comment in stated]
+        lines += [f"comment {ascii_text(' '.join(comment.split()))}" for comment in stated]
         lines += [f"element vertex {len(gaussians)}", *(f"property {types[name][1]} {name}" for name in names)]
     turned = None if np.allclose(turn, np.eye(4), rtol=0, atol=_UNTURNED) else AffineMap.of(turn, gaussians.sh_degree)
     is_shift = np.allclose(turn[:3, :3], np.eye(3), rtol=0, atol=_UNTURNED)
@@ -205,7 +205,7 @@ def _is_short_position(line: str) -> bool:
     return words[:1] == ["property"] and words[1:2] in (["float"], ["float32"]) and words[-1] in POSITION
 
 
-def _ascii(text: str) -> str:
+def ascii_text(text: str) -> str:
     """Return `text` with JSON escapes for all but printable ASCII; quotes stay as they are."""
     return json.dumps(text)[1:-1].replace('\\"', '"')
 

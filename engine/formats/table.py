@@ -14,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import SettingsError
-from ..scene import Gaussians
-from .axes import Up
+from ..scene import Gaussians, Mesh
+from .axes import Up, file_from_z_up
 from .glb import read_glb, write_glb
 from .ksplat import read_ksplat
+from .mesh_glb import write_mesh_glb
+from .mesh_plain import write_mesh_obj, write_mesh_ply, write_mesh_stl
+from .mesh_usdz import write_mesh_usdz
 from .ply import read_ply, write_ply
 from .sog import DecodePicture, read_sog
 from .sog_writing import EncodePicture, write_sog
@@ -25,7 +28,7 @@ from .splat import read_splat
 from .spz import read_spz, write_spz
 from .usd import write_usd
 
-__all__ = ["DEFAULT_FORMAT", "FORMATS", "FileFacts", "Format", "WritingTools", "format_of", "write_scene"]
+__all__ = ["DEFAULT_FORMAT", "FORMATS", "FileFacts", "Format", "WritingTools", "format_of", "write_mesh", "write_scene"]
 
 
 @dataclass(frozen=True)
@@ -94,12 +97,13 @@ class WritingTools:
 
 
 Write = Callable[[Path, Gaussians, FileFacts, WritingTools], None]
+WriteMesh = Callable[[Path, Mesh, FileFacts, bytes], None]
 Read = Callable[[Path, DecodePicture, Up | None], Gaussians]
 
 
 @dataclass(frozen=True)
 class Format:
-    """A format of files with Gaussians.
+    """A format of files with Gaussians, or with a mesh.
 
     Attributes
     ----------
@@ -114,6 +118,12 @@ class Format:
         One sentence, without its full stop, that says what the format is for.
     write : callable, optional
         Writes a file from Gaussians, `FileFacts` and `WritingTools`; None: not written, or a page.
+    write_mesh : callable, optional
+        Writes a mesh that is in the world of the file, `FileFacts`, and its texture as PNG; None: no format of meshes.
+    mesh_up : {"z", "-y", "y"}
+        Axis that points up in files with a mesh.
+    beside : tuple of str
+        Ends of the names of further files that are written beside a mesh.
     read : callable, optional
         Returns the Gaussians in the engine's world (Z up) from a path, the decoder of pictures, and the axis that
         points up (None: what the file or its format says).
@@ -141,6 +151,9 @@ class Format:
     media_type: str
     description: str
     write: Write | None = None
+    write_mesh: WriteMesh | None = None
+    mesh_up: Up = "z"
+    beside: tuple[str, ...] = ()
     read: Read | None = None
     starts: tuple[bytes, ...] = ()
     read_suffixes: tuple[str, ...] = ()
@@ -199,25 +212,49 @@ def _write_usd(path: Path, gaussians: Gaussians, facts: FileFacts, tools: Writin
     )
 
 
+def _write_mesh_ply(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
+    write_mesh_ply(path, mesh, comments=facts.comments)
+
+
+def _write_mesh_obj(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
+    write_mesh_obj(path, mesh, texture, name=facts.name, comments=facts.comments)
+
+
+def _write_mesh_stl(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
+    # Programs for printing take the numbers of an STL for millimetres.
+    scale, unit = (1.0, "unknown") if facts.metres_per_unit is None else (1000 * facts.metres_per_unit, "millimetre")
+    write_mesh_stl(path, mesh.moved(np.diag([scale, scale, scale, 1.0])), unit=unit)
+
+
+def _write_mesh_glb(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
+    write_mesh_glb(path, mesh, texture, name=facts.name, copyright=facts.rights, extras=facts.extras, xmp=facts.xmp)
+
+
+def _write_mesh_usdz(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
+    write_mesh_usdz(
+        path, mesh, texture, name=facts.name, metres_per_unit=facts.metres_per_unit, custom_data=facts.extras
+    )
+
+
 FORMATS: tuple[Format, ...] = (
     Format(
         "ply", "PLY", (".ply",), "application/x-ply",
         "Standard file of 3D Gaussian splatting, -Y up as its viewers expect",
-        _write_ply, lambda path, decode, up: read_ply(path), (b"ply",),
+        _write_ply, read=lambda path, decode, up: read_ply(path), starts=(b"ply",),
         carries_seen=True,
         package_note="the Gaussians in the layout of 3D Gaussian splatting (PLY), Y down as its viewers expect",
     ),
     Format(
         "spz", "SPZ", (".spz",), "application/octet-stream",
         "Compressed to a sixth of the size, with some loss and without a record",
-        _write_spz, lambda path, decode, up: read_spz(path, up=up), (b"\x1f\x8b", b"NGSP"),
+        _write_spz, read=lambda path, decode, up: read_spz(path, up=up), starts=(b"\x1f\x8b", b"NGSP"),
         carries_record=False, is_packed=True,
         package_note="the same in a sixth of the size, with rounded values (SPZ)",
     ),
     Format(
         "glb", "GLB", (".glb",), "model/gltf-binary",
         "Recommended: binary glTF with KHR_gaussian_splatting and the record, upright in every program",
-        _write_glb, lambda path, decode, up: read_glb(path), (b"glTF",),
+        _write_glb, read=lambda path, decode, up: read_glb(path), starts=(b"glTF",),
         carries_seen=True, is_packed=True,
         package_note="the same as glTF with the extension KHR_gaussian_splatting, Y up",
     ),
@@ -225,7 +262,8 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "sog", "SOG", (".sog",), "application/zip",
         "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect",
-        _write_sog, lambda path, decode, up: read_sog(path, decode, up=up), (b"PK", b"{"), (".json",),
+        _write_sog, read=lambda path, decode, up: read_sog(path, decode, up=up), starts=(b"PK", b"{"),
+        read_suffixes=(".json",),
         is_packed=True,
     ),
     # USD is read by the engine alone: `read_usd`.
@@ -238,6 +276,31 @@ FORMATS: tuple[Format, ...] = (
         "html", "page", (".html",), "text/html",
         "One file with a viewer and the record, which a browser opens without the web",
         is_page=True, package_note="a page that shows it; open it in a browser",
+    ),
+    Format(
+        "mesh", "mesh, PLY", (".ply",), "application/x-ply",
+        "Mesh of an object with coloured vertices, and which of them no photo saw, Z up",
+        write_mesh=_write_mesh_ply,
+    ),
+    Format(
+        "glb-mesh", "mesh, GLB", (".glb",), "model/gltf-binary",
+        "Recommended for meshes: textured mesh of an object with the record, upright in every program",
+        write_mesh=_write_mesh_glb, mesh_up="y", is_packed=True,
+    ),
+    Format(
+        "obj", "mesh, OBJ", (".obj",), "model/obj",
+        "Textured mesh of an object for older programs, with its .mtl and .png beside it, Y up",
+        write_mesh=_write_mesh_obj, mesh_up="y", beside=(".mtl", ".png"),
+    ),
+    Format(
+        "stl", "mesh, STL", (".stl",), "model/stl",
+        "Mesh of an object for printing, in millimetres where the scale is known, without colours, Z up",
+        write_mesh=_write_mesh_stl, carries_record=False,
+    ),
+    Format(
+        "usd-mesh", "mesh, USDZ", (".usdz",), "model/vnd.usdz+zip",
+        "Textured mesh of an object with the record in one file, Z up",
+        write_mesh=_write_mesh_usdz, is_packed=True,
     ),
     Format(
         "splat", "SPLAT", (".splat",), "application/octet-stream", "Of viewers for the web, 32 bytes for each Gaussian",
@@ -293,3 +356,34 @@ def write_scene(path: Path, gaussians: Gaussians, name: str, facts: FileFacts, t
         writable = ", ".join(one.name for one in FORMATS if one.write is not None)
         raise SettingsError(f"{path} cannot be written in the format {name}. Choose one of {writable}.")
     write(path, gaussians, facts, tools)
+
+
+def write_mesh(path: Path, mesh: Mesh, name: str, facts: FileFacts, texture: bytes) -> None:
+    """Write `mesh` in the format called `name`, atomically, replacing existing files.
+
+    Parameters
+    ----------
+    path : Path
+    mesh : Mesh
+        In the engine's world (Z up), before the transform of `facts`.
+    name : str
+        Of a format of meshes.
+    facts : FileFacts
+        What the format has no place for is left out. ``up`` of None: the mesh is not turned but in glTF, which has Y up
+        by definition.
+    texture : bytes
+        The texture of the mesh as PNG.
+
+    Raises
+    ------
+    SettingsError
+        When there is no such format of meshes.
+    HeritageError
+        As the writer of the format.
+    """
+    kind = format_of(name)
+    if kind.write_mesh is None:
+        meshes = ", ".join(one.name for one in FORMATS if one.write_mesh is not None)
+        raise SettingsError(f"{path} cannot be written as a mesh in the format {name}. Choose one of {meshes}.")
+    turned = file_from_z_up(kind.mesh_up if facts.up is not None or kind.name == "glb-mesh" else None)
+    kind.write_mesh(path, mesh.moved(turned if facts.matrix is None else turned @ facts.matrix), facts, texture)

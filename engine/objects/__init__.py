@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .clicked import ClickMasks, click_masks
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .detail import DetailPhotos, DetailResult, detail_object
+    from .detail_cutter import read_part
     from .graph import SceneGraph
     from .looks import FITTED_ODDS, Looks
     from .photos import Photos, SamFactory
@@ -49,6 +50,7 @@ __all__ = [
     "parse_point",
     "parse_prompt",
     "photo_folder_of",
+    "read_part",
     "DetailPhotos",
     "DetailResult",
     "detail_object",

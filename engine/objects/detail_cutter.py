@@ -27,7 +27,7 @@ from ..training.settings import TEST_PHOTOS
 from .context import photo_folder_of
 from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box
 
-__all__ = ["DetailCutter", "DetailPhotos"]
+__all__ = ["DetailCutter", "DetailPhotos", "read_part"]
 
 _MIN_INSIDE = 0.5  # chosen on room_1, room_5, herz_jesus25, banana16
 """Share of the pixels that show a Gaussian in the photos in which the object is what is seen, from which on detail is
@@ -226,28 +226,13 @@ class DetailCutter:
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def _read(self, camera: Camera, part: PinholeCamera) -> tuple[Pixels, Mask]:
-        """Return the pixels of a part of a photo, and which pixels of its maps are valid."""
-        full = self._frames[camera.photo]
-        source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / full.K[0, 0])
-        source, source_valid = load_with_valid(
-            self.photos.folder / camera.photo, self.photos.masks.get(camera.photo),
-            max_side=source_side, over_black=True,
-        )  # fmt: skip
-        pixels = np.ascontiguousarray(undistort(source, camera, part, interpolation="linear"))
-        small = _map_camera(part)
-        valid = np.ones((small.height, small.width), bool)
-        if source_valid is not None:
-            valid = undistort(source_valid.astype(np.float32), camera, small, interpolation="linear") > 1.0 - 1e-4
-        return pixels, valid
-
     def _crop(
         self, camera: Camera, part: PinholeCamera, coverage: tuple[Float32, Float32, Mask, Rendered, Mask]
     ) -> DetailCrop:
         """Return a part of a photo with its maps, by what `_coverage` returned."""
         share, alpha, hidden, isolated, of_trained = coverage
         small = _map_camera(part)
-        pixels, valid = self._read(camera, part)
+        pixels, valid = read_part(self.photos, camera, part, small)
         resized = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
         gain = self.photos.gain(camera.photo)
         # What the object covers alone and not in the scene is a spike, or a part of it that others show there as well.
@@ -333,6 +318,41 @@ def _shown_inside(shown: Float32, drawn: Float32) -> Mask:
     beside = (shown[:, 0] < _MIN_INSIDE * shown[:, 1]) & (shown[:, 1] >= 1)
     hidden = (shown[:, 1] < _WELL_SEEN * drawn[:, 1]) & (drawn[:, 1] >= 1)
     return ~beside & ~(hidden & (drawn[:, 0] < _MIN_INSIDE * drawn[:, 1]))
+
+
+def read_part(photos: DetailPhotos, camera: Camera, part: PinholeCamera, small: PinholeCamera) -> tuple[Pixels, Mask]:
+    """Return the pixels of a part of a photo, and which pixels of the same part in the size of `small` are valid.
+
+    Parameters
+    ----------
+    photos : DetailPhotos
+    camera : Camera
+        Of the photo.
+    part : PinholeCamera
+        A part of the undistorted photo, of h x w pixels.
+    small : PinholeCamera
+        The same part in the size of maps.
+
+    Returns
+    -------
+    pixels : array of shape [h, w, 3], uint8, sRGB
+    valid : array of shape [small.height, small.width], bool
+
+    Raises
+    ------
+    PhotoError
+        When the photo cannot be read.
+    """
+    full = training_pinhole(camera, max_side=_MAX_SIDE)
+    source_side = math.ceil(max(camera.width, camera.height) * part.K[0, 0] / full.K[0, 0])
+    source, source_valid = load_with_valid(
+        photos.folder / camera.photo, photos.masks.get(camera.photo), max_side=source_side, over_black=True
+    )
+    pixels = np.ascontiguousarray(undistort(source, camera, part, interpolation="linear"))
+    valid = np.ones((small.height, small.width), bool)
+    if source_valid is not None:
+        valid = undistort(source_valid.astype(np.float32), camera, small, interpolation="linear") > 1.0 - 1e-4
+    return pixels, valid
 
 
 def _map_camera(part: PinholeCamera) -> PinholeCamera:

@@ -15,6 +15,7 @@ from .gaussians import FEATURE_DIM, Gaussians
 from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixels
 from .measurement import ExportFrame, MeasuredDistance, Measurement, Point, export_frame, measurement_problem
 from .measurement_storage import delete_measurement, load_measurement, save_measurement
+from .mesh import Mesh
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_names import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES, NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
@@ -37,6 +38,7 @@ __all__ = [
     "Lens",
     "MeasuredDistance",
     "Measurement",
+    "Mesh",
     "Photo",
     "PhotoSet",
     "PinholeCamera",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from ..core.files import delete_derived, object_file
 from ..core.visible_text import visible
-from ..formats import FORMATS
+from ..formats import FORMATS, format_of
 from ..project.content import scene_file
 from ..project.objects import MUSEUM_RECORD_FILE, RECORD_FILE
 from .engine_call import call_engine
@@ -17,14 +17,17 @@ from .library import NotFound, WebProject
 
 __all__ = ["DOWNLOADS", "DownloadFormat", "download_name", "export", "export_path"]
 
-DOWNLOADS = tuple(one for one in FORMATS if one.write is not None or one.is_page)
-"""The formats in which the scene and objects can be had."""
+DOWNLOADS = tuple(
+    one for one in FORMATS if one.write is not None or one.is_page or (one.write_mesh is not None and not one.beside)
+)
+"""The formats in which the scene and objects can be had, meshes of objects alone, each as one file."""
 if TYPE_CHECKING:
     DownloadFormat = str
 else:
     DownloadFormat = Literal[tuple(one.name for one in DOWNLOADS)]
 _UNSAFE = re.compile(r"[^\w.() -]+")
 _MAX_NAME = 100
+_KEY_LENGTH = 16
 
 
 def export_path(
@@ -47,8 +50,9 @@ def export_path(
         if not sources[1].is_file():
             raise NotFound("There is no such object.")
     changed = [file.stat().st_mtime_ns for file in sources if file.is_file()]
-    key = hashlib.sha256(repr((object_id, file_format, frame, project.title, changed)).encode()).hexdigest()[:16]
-    return project.cache / f"{_stem(object_id, frame)}-{key}.{file_format}"
+    stated = repr((object_id, file_format, frame, project.title, changed))
+    key = hashlib.sha256(stated.encode()).hexdigest()[:_KEY_LENGTH]
+    return project.cache / f"{_stem(object_id, frame)}-{file_format}-{key}{format_of(file_format).suffixes[0]}"
 
 
 def export(project: WebProject, object_id: str | None, file_format: DownloadFormat, frame: str = "upright") -> Path:
@@ -62,7 +66,7 @@ def export(project: WebProject, object_id: str | None, file_format: DownloadForm
     file = export_path(project, object_id, file_format, frame)
     if not file.exists():
         project.cache.mkdir(exist_ok=True)
-        for old in project.cache.glob(f"{_stem(object_id, frame)}-*.{file_format}"):
+        for old in project.cache.glob(f"{_stem(object_id, frame)}-{file_format}-{'?' * _KEY_LENGTH}.*"):
             delete_derived(project.cache, old.name)
         _export(project, object_id, file_format, frame, file)
     return file
@@ -83,4 +87,4 @@ def _export(project: WebProject, object_id: str | None, file_format: str, frame:
 def download_name(name: str, file_format: str) -> str:
     """Return the name of a downloaded file: the object's, without what file systems refuse."""
     stem = _UNSAFE.sub("_", name).strip(" .")[:_MAX_NAME]
-    return f"{stem or 'object'}.{file_format}"
+    return f"{stem or 'object'}{format_of(file_format).suffixes[0]}"

@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...core.errors import ProjectError, SettingsError
-from ...core.events import Emit, Finished, StopCheck, Warned
-from ...formats import FORMATS, format_of
+from ...core.events import Emit, Finished, Progress, StopCheck, Warned
+from ...formats import FORMATS, Format, format_of
+from ...meshing.settings import LEVELS, MeshSettings
 from ...project.folder import ProjectFolder
 
 if TYPE_CHECKING:
+    from ...delivery.packages import Export
     from ...scene import ExportFrame
 
 __all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
 NAME = "export"
-HELP = "Write the scene or one object as a file of Gaussians for other programs, or as a page."
+HELP = "Write the scene or one object as a file of Gaussians or a mesh for other programs, or as a page."
 EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
 LOG_IN = "project"
 USES_CAMERAS = True
@@ -30,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
     parser.add_argument("--object", help="name or id of an object (default: the whole scene)")
-    written = [one for one in FORMATS if one.write is not None or one.is_page]
+    written = [one for one in FORMATS if one.write is not None or one.write_mesh is not None or one.is_page]
     parser.add_argument(
         "--format",
         choices=[one.name for one in written],
@@ -74,6 +76,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or estimated poses; world: the frame of cameras/cameras.json, Z up in PLY, too (default: original where poses "
         "were given and nothing was measured, otherwise upright)",
     )
+    parser.add_argument(
+        "--triangles",
+        type=int,
+        choices=LEVELS,
+        default=MeshSettings.triangles,
+        help="largest number of triangles of a mesh (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--watertight",
+        action="store_true",
+        help="close a mesh where no photo saw the object, such as its underside; the file marks what was filled in",
+    )
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
@@ -85,21 +99,29 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if out.is_dir():
         raise ProjectError(f"{out} is a folder. Choose a file name.")
     if out.suffix.lower() not in kind.suffixes:
-        raise SettingsError(f"--format {kind.name} writes {kind.name.upper()}, but {out} has another extension.")
+        raise SettingsError(f"--format {kind.name} writes {', '.join(kind.suffixes)}, but {out} has another extension.")
     if options.object is not None and options.without_background:
         raise SettingsError("--without-background is for whole scenes; an object has no background. Leave it out.")
     if kind.is_page and options.far != FAR[0]:
         raise SettingsError("A page frames the scene by its cameras and shows all of it. Leave out --far.")
+    if kind.write_mesh is None and (options.watertight or options.triangles != MeshSettings.triangles):
+        raise SettingsError(
+            "--triangles and --watertight are for meshes. Leave them out, or choose a format of meshes."
+        )
     if not kind.carries_record and options.record == "full":
         emit(
-            Warned(f"{kind.label} has no place for text, so the file has no record. Export PLY, GLB or USD to keep it.")
+            Warned(f"{kind.label} has no place for text, so the file has no record. Export another format to keep it.")
         )
     second = out.with_name(f"{out.stem}_far{out.suffix}")
-    existing = [file for file in (out, second) if file.exists() and (file == out or options.far == "second-file")]
+    written = [out, *([second] if options.far == "second-file" else []), *(out.with_suffix(one) for one in kind.beside)]
+    existing = [file for file in written if file.exists()]
     if existing and not options.overwrite:
         raise ProjectError(f"{existing[0]} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
     export = load_export(project, options.object, title=options.title)
+    if kind.write_mesh is not None:
+        _write_mesh(options, project, export, kind, emit, should_stop)
+        return 0
     left_out = 0
     if options.without_background:
         left_out = _n_background(project, len(export.gaussians))
@@ -123,6 +145,43 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         )
     )
     return 0
+
+
+def _write_mesh(
+    options: argparse.Namespace,
+    project: ProjectFolder,
+    export: Export,
+    kind: Format,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> None:
+    """Make the mesh of an object and write it."""
+    from ...delivery.packages import mesh_of, mesh_sentence, write_mesh_export
+
+    made = mesh_of(
+        project,
+        export,
+        MeshSettings(triangles=options.triangles, watertight=options.watertight),
+        should_stop=should_stop,
+        tell=lambda done: emit(Progress("export", done, message="meshing")),
+    )
+    placed = write_mesh_export(
+        options.out,
+        export,
+        made,
+        kind.name,
+        frame=options.frame,
+        with_record=options.record == "full",
+        in_scene=options.origin == "scene",
+    )
+    if options.watertight and not made.record["watertight"]:
+        emit(Warned("The surface could not be closed: parts of it touch. Export it with another number of triangles."))
+    emit(
+        Finished(
+            f"Wrote a mesh to {options.out}; {mesh_sentence(made, placed)}; {_unit_sentence(placed)}.",
+            {"file": str(options.out), **made.record, **placed.as_dict()},
+        )
+    )
 
 
 def _far(count: int, options: argparse.Namespace, second: Path) -> str:

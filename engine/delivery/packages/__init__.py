@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .exporting import Export, divided, load_export, turn_of, write_export
+    from .exporting import (
+        Export,
+        divided,
+        load_export,
+        mesh_of,
+        mesh_sentence,
+        turn_of,
+        write_export,
+        write_mesh_export,
+    )
     from .package import package_name, write_package
     from .page import is_viewer_built
     from .turntable import FILMS, SHEET, Turn, write_films, write_sheet
@@ -22,11 +31,14 @@ __all__ = [
     "divided",
     "is_viewer_built",
     "load_export",
+    "mesh_of",
+    "mesh_sentence",
     "package_name",
     "turn_of",
     "verify_package",
     "write_export",
     "write_films",
+    "write_mesh_export",
     "write_package",
     "write_sheet",
 ]

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import SettingsError
+from ...core.errors import ObjectError, SettingsError
 from ...core.events import StopCheck
-from ...formats import FileFacts, Up, WritingTools, format_of, write_scene
-from ...pictures import encode_picture
+from ...formats import FileFacts, Up, WritingTools, format_of, write_mesh, write_scene
+from ...pictures import encode_picture, encode_png
 from ...project.folder import ProjectFolder
 from ...project.objects import list_objects, load_membership, load_object, object_gaussians
 from ...scene import (
@@ -40,10 +40,21 @@ from ..records import describe_object, describe_scene, gltf_extras, ply_comments
 from .page import Framing, Part, framing_of_object, framing_of_scene, write_page
 
 if TYPE_CHECKING:
+    from ...meshing import MeshResult
+    from ...meshing.settings import MeshSettings
     from ...pictures import Backend
     from .turntable import Turn
 
-__all__ = ["Export", "divided", "load_export", "turn_of", "write_export"]
+__all__ = [
+    "Export",
+    "divided",
+    "load_export",
+    "mesh_of",
+    "mesh_sentence",
+    "turn_of",
+    "write_export",
+    "write_mesh_export",
+]
 
 _UP: dict[str, Up | None] = {"original": None, "world": "z"}
 """The axis that points up where neither the format nor its viewers say it; given poses do not say what is up."""
@@ -178,28 +189,143 @@ def write_export(
             raise SettingsError("A page shows the record. Leave out --record none.")
         write_page(path, gaussians, described, _framing(export, backend), _parts(export))
         return placed
+    matrix, notes = _own_origin(export, placed, in_scene=in_scene)
+    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) and kind.carries_seen else None
+    if seen is not None:
+        notes["seen_by_no_photo"] = int((seen == 0).sum())
+    facts = _facts(export, placed, matrix, notes, with_record=with_record and kind.carries_record)
+    facts = replace(facts, seen=seen)
+    write_scene(path, gaussians, file_format, facts, WritingTools(encode_picture))
+    return placed
+
+
+def mesh_of(
+    project: ProjectFolder,
+    export: Export,
+    settings: MeshSettings,
+    *,
+    backend: Backend = "cpu",
+    should_stop: StopCheck,
+    tell: Callable[[float], None] = lambda done: None,
+) -> MeshResult:
+    """Return the mesh of an exported object, in the normalised world.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    export : Export
+        Of an object.
+    settings : MeshSettings
+    backend : {"cpu", "gpu", "reference"}
+    should_stop, tell : callable
+        See `engine.meshing.mesh_object`.
+
+    Raises
+    ------
+    ObjectError
+        When it is not an object, or has no surface.
+    HeritageError
+        When a photo cannot be read, or the user stops.
+    """
+    from ...meshing import mesh_object
+    from ...objects import DetailPhotos
+    from ...pictures import Scene
+
+    if export.members is None:
+        raise ObjectError("A mesh is made of one object. Name one with --object, or export the Gaussians of the scene.")
+    whole = replace(export.whole, features=None)
+    own = replace(export.gaussians, features=None)
+    scene = own.joined(whole[np.flatnonzero(~export.members)])
+    return mesh_object(
+        Scene(scene, backend=backend), np.arange(len(scene)) < len(own), export.camera_set.cameras,
+        DetailPhotos.of(project), settings, should_stop=should_stop, tell=tell,
+    )  # fmt: skip
+
+
+def write_mesh_export(
+    path: Path,
+    export: Export,
+    made: MeshResult,
+    file_format: str,
+    *,
+    frame: str | None,
+    with_record: bool = True,
+    in_scene: bool = False,
+) -> ExportFrame:
+    """Write a mesh in one of the formats of meshes, with the record and in the place of the object's Gaussians.
+
+    Parameters
+    ----------
+    path, export, frame, with_record, in_scene
+        As of `write_export`.
+    made : MeshResult
+    file_format : str
+
+    Raises
+    ------
+    HeritageError
+        When the file cannot be written.
+    """
+    kind, placed = format_of(file_format), _placed(export, frame)
+    matrix, notes = _own_origin(export, placed, in_scene=in_scene)
+    facts = _facts(
+        export,
+        placed,
+        matrix,
+        {**notes, "mesh": mesh_sentence(made, placed)},
+        with_record=with_record and kind.carries_record,
+    )
+    write_mesh(path, made.mesh, file_format, facts, encode_png(made.mesh.texture))
+    return placed
+
+
+def mesh_sentence(made: MeshResult, placed: ExportFrame) -> str:
+    """Return what a record and a user are told of a mesh."""
+    record = made.record
+    text = f"{record['triangles']} triangles, fused from {record['photos']} photos"
+    share = 100 * record["filled_share"]
+    if record["filled"]:
+        text += f"; {share:.1f} % of the surface was seen by no photo, was filled in, and has a material of its own"
+    else:
+        text += "; all of it was seen by photos, and the rest is open" if not record["watertight"] else ""
+    if record["volume"] is not None:
+        scale = float(np.cbrt(np.linalg.det(placed.from_world[:3, :3])))
+        if placed.metres_per_unit is not None:
+            cubic = record["volume"] * (scale * placed.metres_per_unit * 100) ** 3
+            text += f"; watertight, {cubic:.4g} cm3"
+        else:
+            text += "; watertight, of unknown unit"
+    return text + "; base colour from the photos with their light, roughness not measured"
+
+
+def _own_origin(export: Export, placed: ExportFrame, *, in_scene: bool) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """Return the transform from the normalised world to the file, Z up, and the notes of the export with the origin."""
     is_moved = placed.name not in ("original", "world")
-    matrix, notes = placed.from_world, dict(export.notes)
+    matrix, notes, gaussians = placed.from_world, dict(export.notes), export.gaussians
     if export.members is not None and len(gaussians) and is_moved and not in_scene:
         foot = foot_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
         matrix = _moved(-foot) @ matrix
         notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in foot)
-    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) and kind.carries_seen else None
-    if seen is not None:
-        notes["seen_by_no_photo"] = int((seen == 0).sum())
-    facts = FileFacts(matrix=matrix, up=_UP.get(placed.name, "-y"), metres_per_unit=placed.metres_per_unit, seen=seen)
-    if with_record and kind.carries_record:
-        extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
-        facts = replace(
-            facts,
-            name=described["title"],
-            extras=extras,
-            comments=ply_comments(extras),
-            rights=(described.get("object") or {}).get("rights"),
-            xmp=xmp_packet(described),
-        )
-    write_scene(path, gaussians, file_format, facts, WritingTools(encode_picture))
-    return placed
+    return matrix, notes
+
+
+def _facts(
+    export: Export, placed: ExportFrame, matrix: NDArray[np.float64], notes: dict[str, Any], *, with_record: bool
+) -> FileFacts:
+    """Return what a file says beside its Gaussians or its mesh."""
+    described = export.described
+    facts = FileFacts(matrix=matrix, up=_UP.get(placed.name, "-y"), metres_per_unit=placed.metres_per_unit)
+    if not with_record:
+        return facts
+    extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
+    return replace(
+        facts,
+        name=described["title"],
+        extras=extras,
+        comments=ply_comments(extras),
+        rights=(described.get("object") or {}).get("rights"),
+        xmp=xmp_packet(described),
+    )
 
 
 def _placed(export: Export, frame: str | None) -> ExportFrame:

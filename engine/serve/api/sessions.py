@@ -65,5 +65,5 @@ def _description(request: Request, user: str | None, cookie: str) -> dict[str, A
         "limits": limits,
         "presets": [{"name": one.name, "label": one.label, "description": one.description} for one in OFFERED_PRESETS],
         "default_preset": DEFAULT_PRESET,
-        "formats": [{"name": one.name, "label": one.label} for one in DOWNLOADS],
+        "formats": [{"name": one.name, "label": one.label, "of_scenes": one.write_mesh is None} for one in DOWNLOADS],
     }

@@ -68,7 +68,8 @@ def test_unknown_format_is_refused_with_the_names_of_the_others(
 
 
 def test_server_offers_what_can_be_written_and_blender_the_recommended_one_first() -> None:
-    assert set(get_args(DownloadFormat)) == {*WRITTEN, "html"}
+    # An OBJ is three files.
+    assert set(get_args(DownloadFormat)) == {*WRITTEN, "html", "mesh", "glb-mesh", "stl", "usd-mesh"}
     assert DEFAULT_FORMAT in WRITTEN
 
 
@@ -76,7 +77,7 @@ def test_docs_have_a_row_of_each_format() -> None:
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     for one in FORMATS:
         suffixes = ", ".join(f"`{suffix}`" for suffix in (*one.suffixes, *one.read_suffixes))
-        reads, writes = one.read is not None, one.write is not None or one.is_page
+        reads, writes = one.read is not None, one.write is not None or one.write_mesh is not None or one.is_page
         row = f"| {one.label} | {suffixes} | `{one.media_type}` | {_yes(reads)} | {_yes(writes)} |"
         row += f" {_yes(one.carries_record)} |"
         assert row in text, f"docs/formats.md has no row: {row}"

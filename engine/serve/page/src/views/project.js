@@ -47,7 +47,7 @@ export async function projectScreen(root, session, id) {
   const title = h("h1", null, project.title);
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
   const sceneFile = ({ name, label }) => h("li", null, h("a", { class: "button", href: sceneExportUrl(id, name), download: "" }, label));
-  const scenes = h("details", { class: "downloads menu" }, h("summary", null, "Download the scene"), h("ul", { class: "row" }, session.formats.map(sceneFile)));
+  const scenes = h("details", { class: "downloads menu" }, h("summary", null, "Download the scene"), h("ul", { class: "row" }, session.formats.filter((one) => one.of_scenes).map(sceneFile)));
   const files = [report, scenes];
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");

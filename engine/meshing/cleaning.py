@@ -1,0 +1,90 @@
+"""What of an extracted surface is kept: no floaters, and of the parts that no photo saw only small ones, or all."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..core.arrays import Float64, Int32, Int64, Mask
+from ..core.errors import ObjectError
+
+__all__ = ["areas_of", "kept_faces", "main_parts", "used_vertices"]
+
+_MIN_PART = 0.02
+"""Area of a separate part, relative to that of the largest one, below which it is a floater."""
+
+_SMALL_HOLE = 0.06
+"""Largest extent of a hole that is closed without being asked for, as a share of the object's diagonal."""
+
+
+def areas_of(vertices: Float64, faces: Int32) -> Float64:
+    """Return the area of each triangle, [F]."""
+    a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
+    areas: Float64 = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return areas
+
+
+def main_parts(vertices: Float64, faces: Int32, seen: Mask) -> Mask:
+    """Return which triangles belong to parts that are no floaters, [F].
+
+    Parameters
+    ----------
+    vertices : array of shape [V, 3], float64
+    faces : array of shape [F, 3], int32
+    seen : array of shape [F], bool
+        Only the seen area of a part counts: one that no photo saw is a floater, such as the wall of a void.
+
+    Raises
+    ------
+    ObjectError
+        When no triangle was seen.
+    """
+    if not seen.any():
+        raise ObjectError(
+            "The photos show no surface of this object: it is too transparent, or too few photos show it. Export its "
+            "Gaussians instead."
+        )
+    parts = _parts(faces, len(vertices))
+    area = np.bincount(parts, areas_of(vertices, faces) * seen)
+    return (area >= _MIN_PART * area.max())[parts]
+
+
+def kept_faces(vertices: Float64, faces: Int32, seen: Mask, *, watertight: bool) -> Mask:
+    """Return which triangles are kept, [F]: the seen ones, and those that close small holes, or all holes.
+
+    Parameters
+    ----------
+    vertices, faces, seen
+        As of `main_parts`, of a closed surface.
+    watertight : bool
+        Whether all holes are closed.
+    """
+    kept = main_parts(vertices, faces, seen)
+    if watertight:
+        return kept
+    filling = np.flatnonzero(kept & ~seen)
+    patches = _parts(faces[filling], len(vertices))
+    low, high = (np.full((int(patches.max(initial=-1)) + 1, 3), value) for value in (np.inf, -np.inf))
+    for k in range(3):
+        np.minimum.at(low, patches, vertices[faces[filling, k]])
+        np.maximum.at(high, patches, vertices[faces[filling, k]])
+    diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces[kept & seen])], axis=0))
+    large = np.linalg.norm(high - low, axis=1) > _SMALL_HOLE * diagonal
+    kept[filling[large[patches]]] = False
+    return kept
+
+
+def used_vertices(vertices: Float64, faces: Int32) -> tuple[Float64, Int32]:
+    """Return the vertices that triangles use, and the triangles with their new numbers."""
+    used, numbers = np.unique(faces, return_inverse=True)
+    return vertices[used], numbers.reshape(-1, 3).astype(np.int32)
+
+
+def _parts(faces: Int32, n_vertices: int) -> Int64:
+    """Return the number of the connected part of each triangle, [F]."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), shape=(n_vertices, n_vertices))
+    _, labels = connected_components(graph, directed=False)
+    _, numbers = np.unique(labels[faces[:, 0]], return_inverse=True)
+    return numbers.astype(np.int64)

@@ -1,0 +1,95 @@
+"""`export` of meshes: in all formats of meshes, at the place of the object's Gaussians, with its record and unit."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plyfile import PlyData
+
+from engine.formats import FORMATS
+from engine.project.objects import ObjectRecord, save_object
+from engine.scene import MeasuredDistance, Measurement, save_measurement
+from tests.engine.command_line import Answer, call
+from tests.engine.objects.fakes import trained_project
+from tests.engine.pictures.blob_scene import BLUE, BlobScene
+
+MESHES = [one for one in FORMATS if one.write_mesh is not None]
+
+
+@pytest.fixture
+def scene(blobs: BlobScene, tmp_path: Path) -> Path:
+    path = trained_project(blobs, tmp_path).path
+    members = (blobs.part == BLUE).astype(np.float32)
+    record = ObjectRecord("ball", "ball", "mask", {}, int(members.sum()), len(members), 0.5, "2026-01-01T00:00:00Z")
+    save_object(path, record, members)
+    return path
+
+
+def export(capsys: pytest.CaptureFixture[str], scene: Path, kind: str, out: Path, *more: str) -> Answer:
+    return call(
+        capsys, "export", scene, "--object", "ball", "--format", kind, "--out", out, "--triangles", "5000", *more
+    )
+
+
+@pytest.mark.parametrize("kind", MESHES, ids=lambda one: one.name)
+def test_object_is_written_as_a_mesh_that_says_that_its_unit_is_unknown(
+    kind: object, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / f"ball{kind.suffixes[0]}"  # type: ignore[attr-defined]
+    answer = export(capsys, scene, kind.name, out)  # type: ignore[attr-defined]
+    assert answer.code == 0
+    assert "its unit is unknown" in answer.output
+    assert "triangles, fused from" in answer.output
+    assert out.is_file()
+    data = out.read_bytes() if out.suffix != ".usdz" else zipfile.ZipFile(out).read("mesh.usda")
+    assert b"unknown" in data
+
+
+def test_mesh_lies_where_the_gaussians_lie(
+    blobs: BlobScene, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "ball.ply"
+    assert export(capsys, scene, "mesh", out, "--frame", "world").code == 0
+    vertices = PlyData.read(out)["vertex"]
+    places = np.column_stack([vertices["x"], vertices["y"], vertices["z"]])
+    middle = blobs.gaussians.means[blobs.part == BLUE].mean(axis=0)
+    assert np.abs((places.min(axis=0) + places.max(axis=0)) / 2 - middle).max() < 0.1
+
+
+def test_watertight_mesh_of_known_scale_says_its_volume(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_measurement(scene, Measurement(distance=MeasuredDistance((0, 0, 0), (1, 0, 0), 0.1)))
+    out = tmp_path / "ball.glb"
+    answer = export(capsys, scene, "glb-mesh", out, "--watertight")
+    assert answer.code == 0
+    assert "cm3" in answer.output
+    data = out.read_bytes()
+    extras = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])["asset"]["extras"]
+    assert "watertight" in extras["mesh"]
+    assert "seen by no photo" in extras["mesh"]
+
+
+def test_scene_is_refused_as_a_mesh(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = call(capsys, "export", scene, "--format", "glb-mesh", "--out", tmp_path / "scene.glb")
+    assert "Name one with --object" in answer.error
+
+
+def test_settings_of_meshes_are_refused_for_gaussians(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = call(capsys, "export", scene, "--format", "ply", "--out", tmp_path / "a.ply", "--watertight")
+    assert "are for meshes" in answer.error
+
+
+def test_texture_that_exists_is_not_replaced_unasked(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "ball.png").write_text("precious")
+    assert "ball.png already exists" in export(capsys, scene, "obj", tmp_path / "ball.obj").error
+    assert (tmp_path / "ball.png").read_text(encoding="utf-8") == "precious"

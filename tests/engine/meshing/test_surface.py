@@ -1,0 +1,43 @@
+"""Surfaces of fields, as closed as they must be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from engine.meshing.fusion import Field
+from engine.meshing.surface import extract_surface
+from engine.scene import Mesh
+
+
+def _mesh(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    none = np.zeros((0, 3))
+    return Mesh(
+        vertices.astype(np.float32), faces, np.ones(len(faces), bool), none.astype(np.uint8), none.astype(np.float32),
+        np.zeros(0, np.int32), none[:, :2].astype(np.float32), faces, np.zeros((1, 1, 4), np.uint8),
+    )  # fmt: skip
+
+
+def _field(values: np.ndarray) -> Field:
+    for axis in range(3):
+        border = np.moveaxis(values, axis, 0)
+        border[0] = border[-1] = 1
+    return Field(np.zeros(3), 1.0, values.astype(np.float32), np.ones(values.shape, bool))
+
+
+def test_ball_has_its_volume_and_faces_outward() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(40)] * 3, indexing="ij"), axis=-1) - 19.7
+    values = np.clip((np.linalg.norm(grid, axis=-1) - 12) / 4, -1, 1)
+    mesh = _mesh(*extract_surface(_field(values))[:2])
+    assert mesh.is_closed
+    assert abs(mesh.volume / (4 / 3 * np.pi * 12**3) - 1) < 0.01  # flat triangles of a ball of 12 voxels
+
+
+def test_any_field_gives_a_closed_surface() -> None:
+    values = np.random.default_rng(3).normal(size=(14, 12, 13))
+    values[4:6, 5, 5] = 0  # values of exactly 0 as well
+    assert _mesh(*extract_surface(_field(values))[:2]).is_closed
+
+
+def test_field_without_surface_gives_no_triangles() -> None:
+    vertices, faces, seen = extract_surface(_field(np.ones((6, 6, 6))))
+    assert len(vertices) == len(faces) == len(seen) == 0
