@@ -22,6 +22,7 @@ _REST = {
     "--complement": pgettext_n("isolate the background"),
     "--refine": pgettext_n("correct {}"),
     "--detail": pgettext_n("add detail to {}"),
+    "--object": pgettext_n("make a mesh of {}"),
     "--prompt": pgettext_n("isolate {}"),
     "--name": pgettext_n("isolate {}"),
     "--accept": pgettext_n("isolate a candidate"),

@@ -12,6 +12,7 @@ from ...engine.project.refused_prompts import dismiss
 from ...engine.workers.jobs import Job, JobState
 from ..project.hand_edits import was_edited_meanwhile
 from ..project.new_objects import show_new_objects
+from ..project.object_mesh import add_mesh
 from ..project.object_state import forget_known, owners
 from ..project.project_history import look_again, remember_objects
 from ..project.scene_file import add_objects, open_project, scene_name
@@ -22,7 +23,7 @@ from ..splats.solid_mode import update_shapes
 
 __all__ = ["PROJECT_KINDS", "destination", "import_results", "is_editing", "scene_for"]
 
-PROJECT_KINDS = ("reconstruct", "segment")
+PROJECT_KINDS = ("reconstruct", "segment", "mesh")
 """Kinds of jobs whose results enter a scene."""
 
 
@@ -94,6 +95,16 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     show_new_objects(scene, found, known=shown_before)
 
 
+def _import_mesh(project: Path, state: JobState, scene: bpy.types.Scene) -> None:
+    object_id, file = state.outputs.get("object"), state.outputs.get("file")
+    if not isinstance(object_id, str) or not isinstance(file, str):
+        raise ProjectError("The engine did not say of which object it made a mesh. Make the mesh again.")
+    obj = next((one for one in heritage_objects(scene, "OBJECT") if one.heritage.object_id == object_id), None)
+    if obj is None:
+        raise ProjectError(f"The object {object_id} is no longer in this scene; its mesh is in {file}.")
+    add_mesh(obj, Path(file))
+
+
 def _state_of(obj: bpy.types.Object) -> str | None:
     """Return the state of its project's object that `obj` shows; None where it was made by hand and not stored yet."""
     state: str = obj.heritage_state.state
@@ -125,6 +136,7 @@ def _store_checks(subject: Path, state: JobState, scene: bpy.types.Scene) -> Non
 _IMPORTERS: dict[str, Callable[[Path, JobState, bpy.types.Scene], None]] = {
     "reconstruct": _import_scene,
     "segment": _import_objects,
+    "mesh": _import_mesh,
     "models": _store_model_states,
     "doctor": _store_checks,
 }

@@ -229,6 +229,9 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         row = column.row(align=True)
         row.operator("heritage.add_detail", text="Detail", icon="TEXTURE").every = False
         row.operator("heritage.add_detail", text="All Objects").every = True
+        row = column.row(align=True)
+        row.operator("heritage.make_mesh", text="Mesh", icon="MESH_DATA").watertight = False
+        row.operator("heritage.make_mesh", text="Watertight").watertight = True
         if properties.kind == "text":
             _draw_likeness(column, properties)
     for name in ("catalogue_number", "title", "rights", "notes"):

@@ -179,7 +179,7 @@ def _write_mesh(
     emit(
         Finished(
             f"Wrote a mesh to {options.out}; {mesh_sentence(made, placed)}; {_unit_sentence(placed)}.",
-            {"file": str(options.out), **made.record, **placed.as_dict()},
+            {"file": str(options.out), "object": options.object, **made.record, **placed.as_dict()},
         )
     )
 

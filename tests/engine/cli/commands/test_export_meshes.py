@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plyfile import PlyData
 
-from engine.formats import FORMATS
+from engine.formats import FORMATS, Format
 from engine.project.objects import ObjectRecord, save_object
 from engine.scene import MeasuredDistance, Measurement, save_measurement
 from tests.engine.command_line import Answer, call
@@ -25,7 +25,7 @@ MESHES = [one for one in FORMATS if one.write_mesh is not None]
 def scene(blobs: BlobScene, tmp_path: Path) -> Path:
     path = trained_project(blobs, tmp_path).path
     members = (blobs.part == BLUE).astype(np.float32)
-    record = ObjectRecord("ball", "ball", "mask", {}, int(members.sum()), len(members), 0.5, "2026-01-01T00:00:00Z")
+    record = ObjectRecord("ball", "Ball", {"kind": "click"}, 0.5, 1.0, 1.0, int(members.sum()), len(members))
     save_object(path, record, members)
     return path
 
@@ -38,10 +38,10 @@ def export(capsys: pytest.CaptureFixture[str], scene: Path, kind: str, out: Path
 
 @pytest.mark.parametrize("kind", MESHES, ids=lambda one: one.name)
 def test_object_is_written_as_a_mesh_that_says_that_its_unit_is_unknown(
-    kind: object, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    kind: Format, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / f"ball{kind.suffixes[0]}"  # type: ignore[attr-defined]
-    answer = export(capsys, scene, kind.name, out)  # type: ignore[attr-defined]
+    out = tmp_path / f"ball{kind.suffixes[0]}"
+    answer = export(capsys, scene, kind.name, out)
     assert answer.code == 0
     assert "its unit is unknown" in answer.output
     assert "triangles, fused from" in answer.output
