@@ -56,7 +56,7 @@ def test_mesh_is_asked_of_the_engine_and_stands_where_the_splats_stand(
 ) -> None:
     splats = bpy.data.objects["Vase"]
     bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
-    file = part("gaussian_heritage_addon.project.object_mesh").mesh_file(Path(project), "vase")
+    file = part("gaussian_heritage_addon.project.object_mesh").mesh_file(Path(project.folder), "vase")
     vertices = write_pyramid(part, file)
     arguments = fake_engine(f"say('finished', outputs={{'object': 'vase', 'file': {str(file)!r}}})")
     assert bpy.ops.heritage.make_mesh(watertight=True) == {"FINISHED"}
@@ -91,7 +91,7 @@ def test_file_that_is_no_mesh_is_refused_in_a_sentence(
     opened: Any, fake_engine: StandIn, part: Part, project: Any
 ) -> None:
     bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
-    file = part("gaussian_heritage_addon.project.object_mesh").mesh_file(Path(project), "vase")
+    file = part("gaussian_heritage_addon.project.object_mesh").mesh_file(Path(project.folder), "vase")
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(b"glTF of somebody else")
     fake_engine(f"say('finished', outputs={{'object': 'vase', 'file': {str(file)!r}}})")
