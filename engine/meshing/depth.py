@@ -13,7 +13,7 @@ from ..core.arrays import Float32, Float64, Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from ..formats import rotations_from_quats
-from ..pictures import Rendered, Scene
+from ..pictures import Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Camera, Gaussians, PinholeCamera
 
@@ -42,6 +42,13 @@ _MIN_SOLID_PIXELS = 60
 
 _LAYER = 0.7
 """Standard deviations of the depths in a pixel behind its mean from which on a Gaussian belongs to the far side."""
+
+_TOWARD = 0.7  # chosen on room_1
+"""Standard deviations of the depths in a pixel by which its surface is nearer than their mean: soft Gaussians lie inside
+of the surface that they show."""
+
+_FLATTEST = 1e-3
+"""Smallest axis of a Gaussian, as a share of its longest one: flatter ones have no direction to be cut along."""
 
 _LAYER_COVER = 0.3
 """Coverage by the near side alone from which on its depth counts."""
@@ -105,8 +112,8 @@ def depth_maps(
     -----
     The depth of a Gaussian in a pixel is where its density along the ray is highest, linearised around its centre:
     z(u) = z0 - z0^2 (P m)_xy . (u - u0) / (m' P m), with the centre m and the inverse covariance P in the camera's
-    frame and u = (x/z, y/z). It is linear in the pixel, so that three blended channels give the blended depth. The
-    depth of the centres instead makes a bump of each Gaussian. Gaussians behind what was found first are left out in
+    frame and u = (x/z, y/z). It is linear in the pixel, so that three blended channels give the blended depth, and six
+    its square. The depth of the centres instead makes a bump of each Gaussian. Gaussians behind what was found first are left out in
     a second pass, as their share in a translucent front would move it inward.
     """
     alone = replace(scene.gaussians[np.flatnonzero(members)], features=None)
@@ -163,17 +170,14 @@ def _map(
     """Return depth, spread and free depth of one photo."""
     seen = scene.render(part, channels=np.column_stack([members, scene.depth_of(part)]).astype(np.float32))
     share, scene_depth = seen.channels[..., 0], seen.channels[..., 1] / np.maximum(seen.alpha, 1e-6)
-    object_scene = scene.with_gaussians(alone)
-    first, spread, alpha = _blended(object_scene.render(part, channels=_depth_channels(alone, part)), part)
+    first, spread, alpha = _rendered_depth(scene, alone, part)
     front = _front(alone, part, first, spread, alpha, size)
     if not front.all():
-        layer = alone[np.flatnonzero(front)]
-        rendered = scene.with_gaussians(layer).render(part, channels=_depth_channels(layer, part))
-        nearer, its_spread, its_alpha = _blended(rendered, part)
+        nearer, its_spread, its_alpha = _rendered_depth(scene, alone[np.flatnonzero(front)], part)
         use = its_alpha > _LAYER_COVER
         first, spread = np.where(use, nearer, first), np.where(use, its_spread, spread)
     solid = (alpha > _SOLID) & (share > VISIBLE_SHARE * alpha) & (first > 0)
-    depth = np.where(solid, first, 0).astype(np.float32)
+    depth = np.where(solid, first - _TOWARD * spread, 0).astype(np.float32)
     shows = seen.alpha > _SOLID
     hidden = shows & (alpha >= _CLEAR) & (scene_depth < first)
     free = np.where(hidden | ((alpha < _CLEAR) & shows), scene_depth, 0)
@@ -181,33 +185,41 @@ def _map(
     return depth, spread.astype(np.float32), np.where(solid, 0, free).astype(np.float32)
 
 
-def _depth_channels(gaussians: Gaussians, part: PinholeCamera) -> Float32:
-    """Return for each Gaussian, [N, 5], depth amid the picture, its slopes, that of its centre, its square."""
+def _rendered_depth(scene: Scene, gaussians: Gaussians, part: PinholeCamera) -> tuple[Float32, Float32, Float32]:
+    """Return the blended depth of the surfaces of Gaussians, its standard deviation, and the coverage, [h, w] each."""
+    planes, middle = _planes(gaussians, part)
+    a, b, c = planes.T
+    channels = np.column_stack([planes, a * a, b * b, c * c, a * b, a * c, b * c]).astype(np.float32)
+    rendered = scene.with_gaussians(gaussians).render(part, channels=channels)
+    values = np.moveaxis(rendered.channels / np.maximum(rendered.alpha, 1e-6)[..., None], 2, 0).astype(np.float64)
+    x = ((np.arange(part.width) + 0.5 - part.width / 2) / part.K[0, 0])[None, :]
+    y = ((np.arange(part.height) + 0.5 - part.height / 2) / part.K[1, 1])[:, None]
+    depth = values[0] + values[1] * x + values[2] * y
+    square = values[3] + values[4] * x * x + values[5] * y * y
+    square += 2 * (values[6] * x + values[7] * y + values[8] * x * y)
+    spread = np.sqrt(np.maximum(square - depth * depth, 0))
+    return (depth + middle).astype(np.float32), spread.astype(np.float32), rendered.alpha
+
+
+def _planes(gaussians: Gaussians, part: PinholeCamera) -> tuple[Float64, float]:
+    """Return for each Gaussian, [N, 3], the depth amid the picture, and its change per unit of x/z and of y/z.
+
+    Depths are relative to the second result, so that float32 keeps the squares' digits.
+    """
     rotation, shift = part.viewmat[:3, :3], part.viewmat[:3, 3]
     local = gaussians.means.astype(np.float64) @ rotation.T + shift
     axes = rotation @ rotations_from_quats(gaussians.quats.astype(np.float64))
     scales = gaussians.scales.astype(np.float64)
-    scales = np.maximum(scales, 1e-3 * scales.max(axis=1, keepdims=True))
+    scales = np.maximum(scales, _FLATTEST * scales.max(axis=1, keepdims=True))
     in_axes = np.einsum("nij,ni->nj", axes, local) / scales
     along = np.einsum("nij,nj->ni", axes, in_axes / scales)  # P m
     depths = np.maximum(local[:, 2], 1e-6)
     slopes = -(depths**2 / np.einsum("ni,ni->n", in_axes, in_axes))[:, None] * along[:, :2]
     # Relative to the ray through the middle of the part, where numbers are small.
-    middle = (np.array([part.width, part.height]) / 2 - part.K[:2, 2]) / np.diag(part.K)[:2]
-    offset = local[:, :2] / depths[:, None] - middle
-    at_middle = depths - (slopes * offset).sum(axis=1)
-    return np.column_stack([at_middle, slopes, depths, depths**2]).astype(np.float32)
-
-
-def _blended(rendered: Rendered, part: PinholeCamera) -> tuple[Float32, Float32, Float32]:
-    """Return the blended depth, the standard deviation of the centres' depths, and the coverage, [h, w] each."""
-    alpha = np.maximum(rendered.alpha, 1e-6)
-    values = rendered.channels / alpha[..., None]
-    x = (np.arange(part.width) + 0.5 - part.width / 2) / part.K[0, 0]
-    y = (np.arange(part.height) + 0.5 - part.height / 2) / part.K[1, 1]
-    depth = values[..., 0] + values[..., 1] * x[None, :] + values[..., 2] * y[:, None]
-    variance = np.maximum(values[..., 4].astype(np.float64) - values[..., 3].astype(np.float64) ** 2, 0)
-    return depth.astype(np.float32), np.sqrt(variance).astype(np.float32), rendered.alpha
+    amid = (np.array([part.width, part.height]) / 2 - part.K[:2, 2]) / np.diag(part.K)[:2]
+    offset = local[:, :2] / depths[:, None] - amid
+    middle = float(np.median(depths))
+    return np.column_stack([depths - (slopes * offset).sum(axis=1) - middle, slopes]), middle
 
 
 def _front(
