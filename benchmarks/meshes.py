@@ -51,7 +51,7 @@ _NEAR = 0.01
 _MIN_PIXELS = 100
 """Smallest true mask, in pixels, that shows the object to the PSNR."""
 _HELD_OUT = 6
-"""Where the scene had no test photos, each so many-th photo is kept from meshing; the splats were trained on it then."""
+"""Without test photos of the scene, each so many-th photo is kept from meshing; the splats were trained on it."""
 _PYTHON = Path(".venv/blender-4.5")
 _MARK = "In sample: constants were chosen on these rooms. Distances in percent of the diagonal of the true object."
 

@@ -44,8 +44,8 @@ _LAYER = 0.7
 """Standard deviations of the depths in a pixel behind its mean from which on a Gaussian belongs to the far side."""
 
 _TOWARD = 0.7  # chosen on room_1
-"""Standard deviations of the depths in a pixel by which its surface is nearer than their mean: soft Gaussians lie inside
-of the surface that they show."""
+"""Standard deviations of the depths in a pixel by which its surface is nearer than their mean: soft Gaussians lie
+inside of what they show."""
 
 _FLATTEST = 1e-3
 """Smallest axis of a Gaussian, as a share of its longest one: flatter ones have no direction to be cut along."""
@@ -113,8 +113,8 @@ def depth_maps(
     The depth of a Gaussian in a pixel is where its density along the ray is highest, linearised around its centre:
     z(u) = z0 - z0^2 (P m)_xy . (u - u0) / (m' P m), with the centre m and the inverse covariance P in the camera's
     frame and u = (x/z, y/z). It is linear in the pixel, so that three blended channels give the blended depth, and six
-    its square. The depth of the centres instead makes a bump of each Gaussian. Gaussians behind what was found first are left out in
-    a second pass, as their share in a translucent front would move it inward.
+    its square. The depth of the centres instead makes a bump of each Gaussian. Gaussians behind what was found first
+    are left out in a second pass, as their share in a translucent front would move it inward.
     """
     alone = replace(scene.gaussians[np.flatnonzero(members)], features=None)
     size = float(np.linalg.norm(np.ptp(np.quantile(alone.means, (0.05, 0.95), axis=0), axis=0)))
