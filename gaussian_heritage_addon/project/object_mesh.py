@@ -10,6 +10,7 @@ import mathutils
 
 from ...engine.core.errors import EnvironmentProblem, ObjectError
 from ...engine.core.files import path_within
+from ..blender.world_placement import world_matrix
 from ..splats.splats import SplatScene
 from .object_names import ID_KEY
 
@@ -60,18 +61,14 @@ def add_mesh(obj: bpy.types.Object, file: Path) -> bpy.types.Object:
     meshes = [one for one in made if one.type == "MESH"]
     if len(meshes) != 1:
         raise ObjectError(f"Blender found {len(meshes)} meshes in {file}, and not one. Make the mesh again.")
-    (mesh,) = meshes
-    for one in made:
-        if one != mesh:
-            bpy.data.objects.remove(one)
-    for linked in list(mesh.users_collection):
-        linked.objects.unlink(mesh)
-    collection.objects.link(mesh)
+    data = meshes[0].data
     # Blender has turned Y up to Z up; the splats have their own frame.
-    mesh.data.transform(mathutils.Matrix(SplatScene.of(obj).frame.tolist()) @ mesh.matrix_world)
+    frame = SplatScene.of(obj).frame @ world_matrix(meshes[0])
+    for one in made:
+        bpy.data.objects.remove(one)
+    data.transform(mathutils.Matrix(frame.tolist()))
+    mesh = bpy.data.objects.new(f"{obj.name} mesh", data)
+    collection.objects.link(mesh)
     mesh.parent = obj
-    mesh.matrix_parent_inverse.identity()
-    mesh.matrix_basis.identity()
     mesh[MESH_KEY] = obj.heritage.object_id
-    mesh.name = f"{obj.name} mesh"
     return mesh

@@ -90,7 +90,7 @@ def test_tables_name_every_folder_in_the_order_of_imports(folder: str) -> None:
 
 def test_every_kind_of_arrow_is_read() -> None:
     kinds = [kind for _, kind, _ in arrows()]
-    assert (kinds.count("process"), kinds.count("data")) == (1, 5)
+    assert (kinds.count("process"), kinds.count("data")) == (1, 6)
     assert kinds.count("uses") == len(re.findall(r"-->|&", PICTURE)) > 15
 
 

@@ -38,6 +38,7 @@ PLANTED = [
     ("blender-stays-light", "engine/formats/planted.py", "import scipy.spatial"),
     ("numba-in-rasterizer", "engine/masks/planted.py", "import numba"),
     ("web-in-serve", "engine/delivery/report/planted.py", "import fastapi"),
+    ("mesh-libraries-in-meshing", "engine/delivery/report/planted.py", "import xatlas"),
     ("rocrate-in-packages", "engine/delivery/report/planted.py", "import rocrate"),
     ("dask-in-batch", "engine/delivery/report/planted.py", "import distributed"),
     ("pycolmap-in-cameras", "engine/training/planted.py", "import pycolmap"),

@@ -76,6 +76,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ): "the request of the parent process, which is this program; names of files "
     "in it may have characters that `parse_json` refuses",
     ("engine/formats/usd.py", ".open"): "the file that OpenUSD has just written, whose bytes are forced to the disk",
+    ("engine/formats/mesh_usdz.py", "zipfile.ZipFile"): "a file that is written",
     ("engine/formats/sog_writing.py", "zipfile.ZipFile"): "a file that is written",
     ("engine/pictures/webp.py", "PIL.Image.open"): "bytes whose size in pixels was checked; every error is translated",
     ("gaussian_heritage_addon/splats/sog_pictures.py", ".read_bytes"): "the picture that Blender has just written",

@@ -24,6 +24,7 @@ LOCKED_FILES = {
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-contrib-python-headless",
+    "fast_simplification": "fast-simplification",
     "flip_evaluator": "flip-evaluator",
     "pillow_heif": "pillow-heif",
     "pxr": "usd-core",

@@ -256,10 +256,12 @@ def write_mesh_export(
 
     Parameters
     ----------
-    path, export, frame, with_record, in_scene
-        As of `write_export`.
+    path : Path
+    export : Export
     made : MeshResult
     file_format : str
+    frame, with_record, in_scene
+        As of `write_export`.
 
     Raises
     ------

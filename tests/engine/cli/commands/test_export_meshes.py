@@ -70,7 +70,7 @@ def test_mesh_lies_where_the_gaussians_lie(
 def test_watertight_mesh_of_known_scale_says_its_volume(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    save_measurement(scene, Measurement(distance=MeasuredDistance((0, 0, 0), (1, 0, 0), 0.1)))
+    save_measurement(scene, Measurement((MeasuredDistance((0, 0, 0), (1, 0, 0), 0.1),)))
     out = tmp_path / "ball.glb"
     answer = export(capsys, scene, "glb-mesh", out, "--watertight")
     assert answer.code == 0
