@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -15,11 +18,8 @@ Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
 
 
-def png(part: Part) -> bytes:
-    """Return a picture of 2 x 2 pixels, as Blender writes it."""
-    import struct
-    import zlib
-
+def png() -> bytes:
+    """Return a picture of 2 x 2 pixels, as PNG."""
     rows = b"".join(b"\0" + bytes([200, 100, 50, 255] * 2) for _ in range(2))
 
     def chunk(kind: bytes, data: bytes) -> bytes:
@@ -41,7 +41,7 @@ def write_pyramid(part: Part, file: Path) -> np.ndarray:
     )  # fmt: skip
     formats = part("engine.formats")
     file.parent.mkdir(parents=True, exist_ok=True)
-    formats.write_mesh(file, mesh, "glb-mesh", formats.FileFacts(up="z"), png(part))
+    formats.write_mesh(file, mesh, "glb-mesh", formats.FileFacts(up="z"), png())
     return vertices
 
 
@@ -60,7 +60,9 @@ def test_mesh_is_asked_of_the_engine_and_stands_where_the_splats_stand(
     vertices = write_pyramid(part, file)
     arguments = fake_engine(f"say('finished', outputs={{'object': 'vase', 'file': {str(file)!r}}})")
     assert bpy.ops.heritage.make_mesh(watertight=True) == {"FINISHED"}
-    assert {"--watertight", "--object=vase", "--format=glb-mesh"} <= set(arguments.read_text().split())
+    assert {"--watertight", "--object=vase", "--format=glb-mesh"} <= set(
+        json.loads(arguments.read_text(encoding="utf-8"))
+    )
     (mesh,) = [one for one in splats.children if one.type == "MESH" and one.name.startswith("Vase mesh")]
     assert mesh.users_collection[0] in tuple(splats.users_collection)
     frame = part("gaussian_heritage_addon.splats.splats").SplatScene.of(splats).frame
