@@ -25,7 +25,7 @@ from .simplifying import simplified
 from .surface import extract_surface
 from .texture import SurfacePoints, colors_of, spread_colors
 
-__all__ = ["MeshResult", "mesh_object"]
+__all__ = ["MeshResult", "mesh_object", "vertex_normals"]
 
 _MIN_TRIANGLES = 100
 """Triangles of the fused surface below which it is no surface but the blots of a few Gaussians."""
@@ -103,7 +103,7 @@ def mesh_object(
     field = fuse(maps, should_stop=should_stop)
     tell(0.5)
     vertices, faces, seen = _geometry(field, settings)
-    normals = _normals(vertices, faces)
+    normals = vertex_normals(vertices, faces)
     tell(0.6)
     side = settings.texture_side
     corners, texture_faces, uv = make_atlas(vertices, faces, side)
@@ -143,7 +143,7 @@ def mesh_object(
 def _geometry(field: Field, settings: MeshSettings) -> tuple[Float64, Int32, Mask]:
     """Return the cleaned and simplified surface, and which triangles photos saw."""
     vertices, faces, known = extract_surface(field)
-    seen = known[faces].all(axis=1)
+    seen = np.asarray(known[faces].all(axis=1))
     seen_faces = faces[seen]
     main = main_parts(vertices, seen_faces, np.ones(len(seen_faces), bool))
     if main.sum() < _MIN_TRIANGLES:
@@ -152,13 +152,13 @@ def _geometry(field: Field, settings: MeshSettings) -> tuple[Float64, Int32, Mas
             "Export its Gaussians instead."
         )
     vertices, faces, known = extract_surface(with_unseen_filled(field, vertices[np.unique(seen_faces[main])]))
-    seen = known[faces].all(axis=1)
+    seen = np.asarray(known[faces].all(axis=1))
     kept = kept_faces(vertices, faces, seen, watertight=settings.watertight)
     vertices, faces = used_vertices(vertices, faces[kept])
     return simplified(vertices, faces, seen[kept], triangles=settings.triangles, closed=settings.watertight)
 
 
-def _normals(vertices: Float64, faces: Int32) -> Float32:
+def vertex_normals(vertices: Float64, faces: Int32) -> Float32:
     """Return the normal of each vertex, [V, 3]: the mean of those of its triangles, by area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     products = np.cross(b - a, c - a)
@@ -166,9 +166,10 @@ def _normals(vertices: Float64, faces: Int32) -> Float32:
     for k in range(3):
         for axis in range(3):
             sums[:, axis] += np.bincount(faces[:, k], products[:, axis], len(vertices))
-    lengths = np.linalg.norm(sums, axis=1)
-    sums[lengths < 1e-30] = (0, 0, 1)
-    return normalized(sums.astype(np.float64)).astype(np.float32)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    # A vertex whose triangles face away from each other has none: any is as good.
+    sums = np.where(lengths > 0, sums / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0))
+    return sums.astype(np.float32)
 
 
 def _points(

@@ -11,6 +11,7 @@ import pytest
 from engine.core.errors import Cancelled, ObjectError
 from engine.core.events import never_stop
 from engine.meshing import MeshResult, mesh_object
+from engine.meshing.object_mesh import vertex_normals
 from engine.meshing.settings import MeshSettings
 from engine.pictures import Scene
 
@@ -54,6 +55,13 @@ def test_triangles_face_outward(open_ball: MeshResult) -> None:
     outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c)
     assert (outward > 0).mean() > 0.99
     assert (np.einsum("ij,ij->i", mesh.normals, mesh.vertices) > 0).mean() > 0.99
+
+
+def test_normals_of_small_objects_have_unit_length() -> None:
+    """Programs such as the validator of glTF refuse others; a triangle of a small object has an area of 1e-9."""
+    vertices = 1e-5 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]], np.int32)
+    np.testing.assert_allclose(np.linalg.norm(vertex_normals(vertices, faces), axis=1), 1, atol=1e-6)
 
 
 def test_underside_that_no_photo_saw_stays_open(open_ball: MeshResult) -> None:
