@@ -2,7 +2,7 @@
 
 Builds the extension, installs it into a separate Blender without a window (bpy from PyPI), and calls its operators:
 import the photo folder, isolate every prompt, export, save, render. Then the engine writes a package of each object,
-which is verified, and a page that shows the scene. Standard library only.
+which is verified, a mesh of each, and a page that shows the scene. Standard library only.
 
 example: python scripts/demo.py --photos my/photos --prompts "vase, teapot"
 """
@@ -59,7 +59,7 @@ def main() -> int:
 
 
 def keep(engine: Path, out: Path, name: str) -> int:
-    """Write the page of the scene and a package of each object, verify these, and return the exit code."""
+    """Write the page of the scene, a package and a mesh of each object, verify the packages, and return the exit code."""
     project, page, packages = out / "project", out / f"{name}.html", out / "packages"
     has_objects = any((project / "objects").glob("*/object.json"))
     commands: list[list[object]] = [
@@ -72,7 +72,15 @@ def keep(engine: Path, out: Path, name: str) -> int:
     for package in sorted(file.parent for file in packages.glob("*/bagit.txt")):
         if code := engine_command(engine, ["verify", package]):
             return code
-    print(f"  page            {page}\n  packages        {packages}")
+    meshes = out / "meshes"
+    for record in sorted((project / "objects").glob("*/object.json")):
+        name = record.parent.name
+        file = meshes / f"{name}.glb"
+        # An object may have no surface, such as one of glass; the engine says so, and the others have theirs.
+        engine_command(
+            engine, ["export", project, "--object", name, "--format", "glb-mesh", "--out", file, "--overwrite"]
+        )
+    print(f"  page            {page}\n  packages        {packages}\n  meshes          {meshes}")
     return 0
 
 
