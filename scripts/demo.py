@@ -59,7 +59,7 @@ def main() -> int:
 
 
 def keep(engine: Path, out: Path, name: str) -> int:
-    """Write the page of the scene, a package and a mesh of each object, verify the packages, and return the exit code."""
+    """Write the page of the scene, a package and a mesh of each object, verify the packages; return the exit code."""
     project, page, packages = out / "project", out / f"{name}.html", out / "packages"
     has_objects = any((project / "objects").glob("*/object.json"))
     commands: list[list[object]] = [
