@@ -19,6 +19,7 @@ from ..project.scene_file import add_objects, open_project, scene_name
 from ..setup.model_files import states_of
 from ..setup.preferences import store_check_result, store_model_states
 from ..splats.properties import heritage_objects, project_of
+from ..splats.selection import set_active_object
 from ..splats.solid_mode import update_shapes
 
 __all__ = ["PROJECT_KINDS", "destination", "import_results", "is_editing", "scene_for"]
@@ -103,6 +104,8 @@ def _import_mesh(project: Path, state: JobState, scene: bpy.types.Scene) -> None
     if obj is None:
         raise ProjectError(f"The object {object_id} is no longer in this scene; its mesh is in {file}.")
     add_mesh(obj, Path(file))
+    # Blender's importer selects what it made, which is no object of the list.
+    set_active_object(scene, obj)
 
 
 def _state_of(obj: bpy.types.Object) -> str | None:
