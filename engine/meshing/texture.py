@@ -33,8 +33,9 @@ _SOFT, _SHARP = 2.0, 8.0
 _BLUR = 1 / 60
 """Standard deviation of the blurred part, as a share of the longer side of the part that shows the object."""
 
-_EDGE, _FEATHER = 2.0, 10.0
-"""Pixels of a map beside an edge of depth that are not used, and over which photos count less and less."""
+_EDGE, _FEATHER = 1.0, 0.03
+"""Pixels of a map beside an edge of depth that are not used, and the share of its longer side over which photos count
+less and less."""
 
 _POINTS_PER_RANGE = 4096
 """Points that a thread processes before it takes the next ones."""
@@ -190,7 +191,7 @@ def _usable(one: DepthMap, depth: Float32, tolerance: float) -> Float32:
     inside = shown & (jump < 4 * tolerance)
     padded = np.pad(inside.astype(np.uint8), 1)
     distance = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
-    return np.clip((distance - _EDGE) / _FEATHER, 0, 1).astype(np.float32)
+    return np.clip((distance - _EDGE) / max(1.0, _FEATHER * max(shown.shape)), 0, 1).astype(np.float32)
 
 
 @njit(**JIT)
