@@ -58,7 +58,7 @@ def test_events_tell_the_device_and_that_the_processor_replaces_it(
     project, events = trained_project(blobs, tmp_path), list[Event]()
     monkeypatch.setattr("engine.rasterizer.gpu.workspace.free_memory", lambda: 10_000)
     context = segmenter_of(project, blobs, SMALL, device=CARD, emit=events.append).context
-    context.views.of(context.views.cameras.cameras[0])
+    assert context.views.of(context.views.cameras.cameras[0]).features.any()
     told, warned = events
     assert isinstance(told, Progress) and told.message == "rendering on card"
     assert isinstance(warned, Warned)
