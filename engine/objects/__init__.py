@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .detail import DetailPhotos, DetailResult, detail_object
     from .graph import SceneGraph
-    from .looks import FITTED_ODDS, Looks
+    from .looks import Looks
     from .photos import Photos, SamFactory
     from .prompts import ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, parse_point, parse_prompt
     from .segment import NoMatchError, find_everything, find_objects, mask_at
@@ -24,7 +24,6 @@ __all__ = [
     "ClickMasks",
     "ClickPrompt",
     "DetectorFactory",
-    "FITTED_ODDS",
     "Looks",
     "MaskPrompt",
     "NoMatchError",
