@@ -133,9 +133,7 @@ def _figures(room: Path, truth: GroundTruth, detector: Detector, should_stop: St
     )  # fmt: skip
 
 
-def _answers(
-    least: float, odds: dict[str, Float64], named: dict[str, list[int]], absent: Sequence[str]
-) -> WordRule:
+def _answers(least: float, odds: dict[str, Float64], named: dict[str, list[int]], absent: Sequence[str]) -> WordRule:
     found = sum(float(odds[word].max()) > least and int(odds[word].argmax()) in named[word] for word in named)
     answered = tuple(word for word in absent if float(odds[word].max()) > least)
     return WordRule(found, len(absent) - len(answered), answered)
