@@ -42,8 +42,6 @@ class Lite0(OfflineVocabulary):
         ``efficientnet-lite0-57934424.pth`` of the package.
     """
 
-    fitted = False
-
     def __init__(self, weights: Path) -> None:
         super().__init__()
         self.name = "efficientnet-lite0"

@@ -256,7 +256,7 @@ class PerfectRanking:
     The score of a set for a word is its IoU with the exhibit of the kind that fits it best; for absent words it is 0.
     """
 
-    name, fitted = "perfect ranking", False
+    name = "perfect ranking"
 
     def __init__(self, kinds: Sequence[str]) -> None:
         self._kinds = np.array(kinds)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .detail import DetailPhotos, DetailResult, detail_object
     from .detail_cutter import read_part
     from .graph import SceneGraph
-    from .looks import FITTED_ODDS, Looks
+    from .looks import Looks
     from .photos import Photos, SamFactory
     from .prompts import ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, parse_point, parse_prompt
     from .segment import NoMatchError, find_everything, find_objects, mask_at
@@ -25,7 +25,6 @@ __all__ = [
     "ClickMasks",
     "ClickPrompt",
     "DetectorFactory",
-    "FITTED_ODDS",
     "Looks",
     "MaskPrompt",
     "NoMatchError",

@@ -28,7 +28,7 @@ from .proposals import find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
-__all__ = ["FITTED_ODDS", "Looks", "build_looks", "describe_members", "kept_looks", "load_or_build_looks"]
+__all__ = ["Looks", "build_looks", "describe_members", "kept_looks", "load_or_build_looks"]
 
 _VERSION, _FILE = "looks 9", "looks.npz"
 
@@ -45,8 +45,11 @@ object, say little about what all of the scene resembles."""
 _LIKELY = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
-FITTED_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
-"""Log-odds, less the contrast, that give a score of 0.5. Of 230 absent words, 4 % score more."""
+_FALSE_ACCEPTS = 0.05
+"""Largest share of the words of a vocabulary that a scene accepts, all of them taken for absent."""
+
+_TAUGHT_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+"""Log-odds that give a taught word a score of 0.5: examples have no vocabulary of absent words."""
 
 _RIVALRY = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Log-odds that a taught word loses for each by which a proposal looks more like another one."""
@@ -59,9 +62,6 @@ _KNOWLEDGE, _MOST_KNOWN = 0.25, 4.0  # chosen on room_1, room_2, room_3, room_4,
 
 _KNOWN_CAUTION = 0.3  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Log-odds that a taught word which the vocabulary knows needs in addition: two may see in it what is absent."""
-
-_FALSE_ACCEPTS = 0.05
-"""Largest share of the words of a vocabulary that a scene accepts, of a detector to whose scores nothing was fitted."""
 
 _SET_WEIGHT = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the log-odds of the set in those of an object, to which how whole it looks is added."""
@@ -134,16 +134,15 @@ class Looks:
     def described_scores(self, text: str, detector: Detector) -> Float64:
         """Return how much each proposal looks like a text by its descriptions, [K], 0 to 1.
 
-        From 0.5 on, a proposal is what the text names. Where that is was fitted for the offline vocabulary: 5 % of the
-        absent words of the choosing rooms reach it. For any other detector, it is the score that 5 % of the words of a
-        vocabulary reach in this very scene, which shows hardly any of them (`least_odds`).
+        From 0.5 on, a proposal is what the text names: hardly any word of a vocabulary, few of which a scene shows,
+        reaches that in this very scene (`least_odds`).
 
         Raises
         ------
         PromptError
             When the detector does not know the text.
         """
-        return self._scores(self.odds_of(text, detector), detector)
+        return np.asarray(expit(self.odds_of(text, detector) - self.least_odds(detector)), np.float64)
 
     def scores_of_examples(self, taught: Float32, others: Float32, detector: Detector, text: str = "") -> Float64:
         """Return how much each proposal looks like the objects that taught a word, [K], 0 to 1.
@@ -167,16 +166,9 @@ class Looks:
         odds = own - _RIVALRY * np.maximum(0, np.where(seen, nearest, 0) - np.where(seen, own, 0))
         odds = odds - _CAUTION * _FEW_WORDS / (_FEW_WORDS + len(others))
         if text:
-            known = self.odds_of(text, detector) + FITTED_ODDS - self._threshold(detector)
+            known = self.odds_of(text, detector) + _TAUGHT_ODDS - self.least_odds(detector)
             odds = odds + _KNOWLEDGE * np.clip(known, -_MOST_KNOWN, _MOST_KNOWN) - _KNOWN_CAUTION
-        return np.asarray(expit(odds - FITTED_ODDS), np.float64)
-
-    def _scores(self, odds: Float64, detector: Detector) -> Float64:
-        return np.asarray(expit(odds - self._threshold(detector)), np.float64)
-
-    def _threshold(self, detector: Detector) -> float:
-        """Return the log-odds that give a score of 0.5."""
-        return FITTED_ODDS if detector.fitted else self.least_odds(detector)
+        return np.asarray(expit(odds - _TAUGHT_ODDS), np.float64)
 
     def odds_of(self, text: str, detector: Detector) -> Float64:
         """Return the log-odds of each proposal for a text, [K], compared with `least_odds`; errors as above.

@@ -53,8 +53,6 @@ class AnyWord(CropDescriber):
         When a weight file is missing, damaged or that of another model.
     """
 
-    fitted = False
-
     def __init__(self, name: str, cache: Path | None = None) -> None:
         self._open(load_encoder(name, cache), OfflineVocabulary(cache), models_folder(cache).parent / "derived")
 

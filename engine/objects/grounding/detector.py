@@ -67,10 +67,6 @@ class Detector(Protocol):
     fingerprint: str
     """What tells one version of its `example_vectors` from another; empty for a detector that describes no crops."""
 
-    fitted: bool
-    """Whether the threshold of a word (`engine.objects.looks`) was fitted to the scores of this detector. Otherwise it
-    follows in each scene from `score_vocabulary`."""
-
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return whether the detector can look for `prompt`.
 

@@ -90,7 +90,6 @@ class GroundingDino:
     """
 
     fingerprint = ""
-    fitted = False
 
     def __init__(
         self,

@@ -73,7 +73,6 @@ class OfflineVocabulary(CropDescriber):
         When a weight file is missing or damaged; the message contains the command that fetches it.
     """
 
-    fitted = True
     least_score = _MIN_SCORE
 
     def __init__(self, cache: Path | None = None) -> None:

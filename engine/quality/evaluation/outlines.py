@@ -15,7 +15,7 @@ from ...core.errors import Cancelled, PromptError, SettingsError
 from ...core.events import Emit, Progress, StopCheck
 from ...core.system import cpu_seconds
 from ...masks import mask_box
-from ...objects import FITTED_ODDS, Looks
+from ...objects import Looks
 from ...objects.settings import BETTER
 from ...photos import load_pixels, picture_files
 from .comparison import resized
@@ -32,11 +32,10 @@ _MIN_AREA = 0.25
 
 @dataclass(frozen=True)
 class WordRule:
-    """What a least score answers.
+    """What the least score of a room (`Looks.least_odds`) answers.
 
     Attributes
     ----------
-    name : str
     found : int
         Words whose likeliest thing is one that they name, and is accepted.
     refused : int
@@ -45,7 +44,6 @@ class WordRule:
         The other absent words.
     """
 
-    name: str
     found: int
     refused: int
     answered: tuple[str, ...]
@@ -66,7 +64,7 @@ class OutlineFigures:
         Words asked for, and words for absent things; unknown ones among them.
     n_first : int
         Words that no other word of the room beats on one of their things.
-    rules : tuple of WordRule
+    rule : WordRule
     describing, asking : float
         CPU seconds for all crops, and for a word after.
     """
@@ -78,7 +76,7 @@ class OutlineFigures:
     n_words: int
     n_absent: int
     n_first: int
-    rules: tuple[WordRule, ...]
+    rule: WordRule
     describing: float
     asking: float
 
@@ -127,21 +125,18 @@ def _figures(room: Path, truth: GroundTruth, detector: Detector, should_stop: St
     asked = cpu_seconds()
     firsts = np.argmax(np.stack([_scores(looks, word, detector) for word in odds]), axis=0)
     words = list(odds)
-    rules = [("5 % of the vocabulary", least)] + ([("fitted to sets in rooms", FITTED_ODDS)] if detector.fitted else [])
     return OutlineFigures(
         room.name, detector.name, len(things), len(looks.proposal), len(named), len(truth.absent),
         sum(any(words[firsts[number]] == word for number in numbers) for word, numbers in named.items()),
-        tuple(_answers(name, limit, odds, named, truth.absent) for name, limit in rules),
+        _answers(least, odds, named, truth.absent),
         described - started, (asked - described) / max(1, len(odds)),
     )  # fmt: skip
 
 
-def _answers(
-    name: str, least: float, odds: dict[str, Float64], named: dict[str, list[int]], absent: Sequence[str]
-) -> WordRule:
+def _answers(least: float, odds: dict[str, Float64], named: dict[str, list[int]], absent: Sequence[str]) -> WordRule:
     found = sum(float(odds[word].max()) > least and int(odds[word].argmax()) in named[word] for word in named)
     answered = tuple(word for word in absent if float(odds[word].max()) > least)
-    return WordRule(name, found, len(absent) - len(answered), answered)
+    return WordRule(found, len(absent) - len(answered), answered)
 
 
 def _odds(looks: Looks, word: str, detector: Detector, should_stop: StopCheck) -> Float64:
@@ -210,26 +205,22 @@ def _outlined(room: Path, truth: GroundTruth, detector: Detector, should_stop: S
 def outline_table(figures: Sequence[OutlineFigures]) -> str:
     """Return the figures as a table in Markdown, with the sums over rooms."""
     lines = [
-        "| model | room | ranked first | least score | found | absent refused | CPU s, crops | CPU s, word |",
-        "| --- | --- | ---: | --- | ---: | ---: | ---: | ---: |",
+        "| model | room | ranked first | found | absent refused | CPU s, crops | CPU s, word |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: |",
     ]
-    sums: dict[tuple[str, str], Counter[str]] = defaultdict(Counter)
+    sums: dict[str, Counter[str]] = defaultdict(Counter)
     for one in figures:
-        for number, rule in enumerate(one.rules):
-            first = f"{one.n_first} of {one.n_words}" if number == 0 else ""
-            times = f"{one.describing:.1f} | {one.asking:.2f}" if number == 0 else " | "
-            lines.append(
-                f"| {one.detector} | {one.room} | {first} | {rule.name} | {rule.found} of {one.n_words} | "
-                f"{rule.refused} of {one.n_absent} | {times} |"
-            )
-            sums[one.detector, rule.name].update(
-                first=one.n_first, words=one.n_words, found=rule.found, refused=rule.refused, absent=one.n_absent
-            )
-    for (detector, rule_name), total in sums.items():
         lines.append(
-            f"| **{detector}** | **all** | {total['first']} of {total['words']} | {rule_name} | {total['found']} of "
+            f"| {one.detector} | {one.room} | {one.n_first} of {one.n_words} | {one.rule.found} of {one.n_words} | "
+            f"{one.rule.refused} of {one.n_absent} | {one.describing:.1f} | {one.asking:.2f} |"
+        )
+        sums[one.detector].update(
+            first=one.n_first, words=one.n_words, found=one.rule.found, refused=one.rule.refused, absent=one.n_absent
+        )
+    for detector, total in sums.items():
+        lines.append(
+            f"| **{detector}** | **all** | {total['first']} of {total['words']} | {total['found']} of "
             f"{total['words']} | {total['refused']} of {total['absent']} | | |"
         )
-    answered = (f"{one.detector}, {one.room}, {rule.name}: {', '.join(rule.answered)}"
-                for one in figures for rule in one.rules if rule.answered)  # fmt: skip
+    answered = (f"{one.detector}, {one.room}: {', '.join(one.rule.answered)}" for one in figures if one.rule.answered)
     return "\n".join([*lines, *(f"\nAbsent words that were answered: {text}." for text in answered)])

@@ -181,7 +181,7 @@ def test_text_separates_a_ball_from_the_floor_with_its_feature(find) -> None:  #
 def test_text_that_nothing_looks_like_is_refused(find, blobs: BlobScene) -> None:
     class Unsure(FakeDetector):
         def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
-            return [0.05 * score for score in super().score_descriptions(described, prompt)]
+            return [0.01 * score for score in super().score_descriptions(described, prompt)]
 
     with pytest.raises(PromptError, match=r"looks enough like 'blue ball': the nearest hardly looks like it\. Use"):
         find(

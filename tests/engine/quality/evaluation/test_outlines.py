@@ -24,8 +24,6 @@ PROMPTS = {RED: "red ball", TWIN: "red ball", BLUE: "blue ball"}
 class Knowing(FakeDetector):
     """Knows the parts; of 99 words of a vocabulary, each looks like what nothing is, the red ball more than others."""
 
-    fitted = False
-
     def score_vocabulary(self, described: np.ndarray) -> np.ndarray:
         levels = np.linspace(0.01, 0.1, 99)
         red = np.array(self.score_descriptions(described, "red ball"))
@@ -56,8 +54,7 @@ def test_words_are_found_on_true_outlines_and_absent_ones_refused(room: Path, bl
     found = _measure(room, Knowing(blobs))
     assert (found.room, found.detector, found.n_things, found.n_words, found.n_absent) == ("room", "fake", 3, 2, 3)
     assert found.n_first == 2 and found.n_crops == 12
-    (rule,) = found.rules
-    assert (rule.found, rule.refused, rule.answered) == (2, 2, ("phantom",))
+    assert (found.rule.found, found.rule.refused, found.rule.answered) == (2, 2, ("phantom",))
 
 
 def test_word_whose_likeliest_thing_is_another_one_is_not_found(room: Path, blobs: BlobScene) -> None:
@@ -67,19 +64,15 @@ def test_word_whose_likeliest_thing_is_another_one_is_not_found(room: Path, blob
             return super().score_descriptions(described, other)
 
     found = _measure(room, Mixed(blobs))
-    assert found.n_first == 0 and found.rules[0].found == 0
+    assert found.n_first == 0 and found.rule.found == 0
 
 
-def test_fitted_detector_is_measured_with_both_least_scores(room: Path, blobs: BlobScene) -> None:
-    class Fitted(Knowing):
-        fitted = True
-
-    found = _measure(room, Fitted(blobs))
-    assert [rule.name for rule in found.rules] == ["5 % of the vocabulary", "fitted to sets in rooms"]
+def test_table_has_a_row_for_each_room_and_sums(room: Path, blobs: BlobScene) -> None:
+    found = _measure(room, Knowing(blobs))
     table = outline_table([found, found])
-    assert "| fake | room | 2 of 2 | 5 % of the vocabulary | 2 of 2 | 2 of 3 |" in table
-    assert "| **fake** | **all** | 4 of 4 | 5 % of the vocabulary | 4 of 4 | 4 of 6 | | |" in table
-    assert "fake, room, 5 % of the vocabulary: phantom." in table
+    assert "| fake | room | 2 of 2 | 2 of 2 | 2 of 3 |" in table
+    assert "| **fake** | **all** | 4 of 4 | 4 of 4 | 4 of 6 | | |" in table
+    assert "fake, room: phantom." in table
 
 
 def test_detector_that_describes_no_crops_is_refused(room: Path, blobs: BlobScene) -> None:
@@ -103,7 +96,7 @@ def test_one_command_prints_the_table(
     answer = call(capsys, "models", "evaluate-words", "clip-vit-b-32", "--rooms", room)
     (finished,) = answer.of_kind("finished")
     assert answer.code == 0 and "| fake | room | 2 of 2 |" in finished["message"]
-    assert finished["outputs"]["figures"][0]["rules"][0]["answered"] == ["phantom"]
+    assert finished["outputs"]["figures"][0]["rule"]["answered"] == ["phantom"]
 
 
 def test_wrong_folders_models_and_options_are_refused_with_a_sentence(
