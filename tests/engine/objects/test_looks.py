@@ -213,7 +213,7 @@ def test_absent_words_are_refused_by_the_words_of_a_vocabulary_whatever_the_scor
 def test_a_vocabulary_of_few_words_accepts_nothing(blobs: BlobScene) -> None:
     class Few(Unfitted):
         def score_vocabulary(self, described):  # type: ignore[no-untyped-def]
-            return super().score_vocabulary(described)[:, :32]
+            return super().score_vocabulary(described)[:, :18]
 
     assert _random_looks().described_scores("shown", Few(1.0)).max() == 0
 
