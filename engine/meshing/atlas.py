@@ -15,8 +15,9 @@ __all__ = ["make_atlas", "texels"]
 _PADDING = 3
 """Pixels between parts of the texture: smaller pictures of it mix neighbours."""
 
-_MIN_CHARTS = 128
-"""Parts of the texture of a surface, at least. Growing larger ones takes five times as long and saves few seams."""
+_MIN_CHARTS, _CHART_TRIANGLES = 128, 400
+"""Parts of the texture of a surface, at least, and triangles of a part, at most. Growing larger ones takes five times as
+long and saves few seams."""
 
 
 def make_atlas(vertices: Float64, faces: Int32, side: int) -> tuple[Int32, Int32, Float32]:
@@ -34,7 +35,8 @@ def make_atlas(vertices: Float64, faces: Int32, side: int) -> tuple[Int32, Int32
     atlas = xatlas.Atlas()
     atlas.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32))
     charts, packing = xatlas.ChartOptions(), xatlas.PackOptions()
-    charts.max_chart_area = float(areas_of(vertices, faces).sum()) / _MIN_CHARTS
+    n_charts = max(_MIN_CHARTS, len(faces) / _CHART_TRIANGLES)
+    charts.max_chart_area = float(areas_of(vertices, faces).sum()) / n_charts
     packing.padding, packing.resolution = _PADDING, side
     atlas.generate(charts, packing)
     corners, texture_faces, uv = atlas[0]
