@@ -16,8 +16,8 @@ _PADDING = 3
 """Pixels between parts of the texture: smaller pictures of it mix neighbours."""
 
 _MIN_CHARTS, _CHART_TRIANGLES = 128, 400
-"""Parts of the texture of a surface, at least, and triangles of a part, at most. Growing larger ones takes five times as
-long and saves few seams."""
+"""Parts of the texture of a surface, at least, and triangles of a part, at most. Growing larger ones takes five times
+as long and saves few seams."""
 
 
 def make_atlas(vertices: Float64, faces: Int32, side: int) -> tuple[Int32, Int32, Float32]:

@@ -41,6 +41,7 @@ IN_BLENDER = {
     "objects": (
         "addon/test_by_hand.py",
         "addon/test_clicking.py",
+        "addon/test_meshes.py",
         "addon/test_objects.py",
         "addon/test_placement.py",
         "addon/test_selection.py",
