@@ -287,7 +287,7 @@ def mesh_sentence(made: MeshResult, placed: ExportFrame) -> str:
     text = f"{record['triangles']} triangles, fused from {record['photos']} photos"
     share = 100 * record["filled_share"]
     if record["filled"]:
-        text += f"; {share:.1f} % of the surface was seen by no photo, was filled in, and has a material of its own"
+        text += f"; {share:.1f} % of the surface was seen by no photo and was filled in"
     else:
         text += "; all of it was seen by photos, and the rest is open" if not record["watertight"] else ""
     if record["volume"] is not None:
