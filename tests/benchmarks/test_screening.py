@@ -127,7 +127,13 @@ def n_pictures(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         def step_post_backward(self, *arguments: object, **options: object) -> None: ...
 
     fake = SimpleNamespace(rasterization=rasterization, spherical_harmonics=spherical_harmonics)
+
+    def fused_ssim(first, second, *, padding):
+        assert first.shape == second.shape == (1, 3, 24, 32) and padding == "valid"
+        return 1.0 - (first - second).square().mean()
+
     monkeypatch.setitem(sys.modules, "gsplat", fake)
+    monkeypatch.setitem(sys.modules, "fused_ssim", SimpleNamespace(fused_ssim=fused_ssim))
     monkeypatch.setitem(sys.modules, "gsplat.strategy", SimpleNamespace(MCMCStrategy=Strategy))
     monkeypatch.setattr(gsplat_raster, "DEVICE", "cpu")
     monkeypatch.setattr(gsplat_training, "DEVICE", "cpu")

@@ -80,6 +80,7 @@ NOT_REACHED = {
     "engine/pipeline/stages.py:cameras_stage": "a part of the file that `cameras` reads whole",
     "engine/quality/stability/": "what the suite itself wrote",
     "engine/formats/sog_writing.py": "a file that is written",
+    "engine/formats/mesh_usdz.py": "a file that is written",
     "gaussian_heritage_addon/splats/sog_pictures.py": "in Blender alone: the picture that it has just written",
     "engine/install/models/onnx_weights.py": "a weight file with a SHA-256 in the catalogue",
     "engine/objects/grounding/efficientnet.py": "a weight file with a SHA-256 in the catalogue",

@@ -67,9 +67,9 @@ def vase(page: Page) -> Locator:
 
 def object_file(page: Page, one: Locator, file: Path) -> Gaussians:
     """Return the Gaussians of the PLY that the card of an object gives."""
-    if not one.get_by_role("link", name="PLY").is_visible():
+    if not one.get_by_role("link", name="PLY", exact=True).is_visible():
         one.get_by_text("Download").click()
-    return read_ply(downloaded(page, one.get_by_role("link", name="PLY"), file))
+    return read_ply(downloaded(page, one.get_by_role("link", name="PLY", exact=True), file))
 
 
 def picture(page: Page, folder: Path) -> NDArray[np.float64]:
