@@ -45,7 +45,7 @@ def test_photos_become_an_object_that_is_downloaded(open_page: OpenPage, scene_p
     card.get_by_text("Download").click()
     gaussians = read_ply(downloaded(page, card.get_by_role("link", name="PLY", exact=True), tmp_path / "object.ply"))
     assert 20 < len(gaussians) < 10_000 and np.isfinite(gaussians.means).all()
-    glb = downloaded(page, card.get_by_role("link", name="GLB"), tmp_path / "object.glb").read_bytes()
+    glb = downloaded(page, card.get_by_role("link", name="GLB", exact=True), tmp_path / "object.glb").read_bytes()
     length = int.from_bytes(glb[12:16], "little")
     header = json.loads(glb[20 : 20 + length])
     assert "KHR_gaussian_splatting" in header["extensionsUsed"]
