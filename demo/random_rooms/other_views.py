@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 from studio import shoot
+from studio.phone import srgb_pixels
 from studio.views import View
 
 # `studio.shoot` gives bpy its settings, so it is imported before.
@@ -54,9 +55,7 @@ def main(description: str | None) -> int:
         viewmat = _looking_at(eye, np.array(wanted["at"]))
         shoot.aim_camera(View(name, viewmat, 0.0))
         scene.cycles.seed = number
-        seen = np.clip(shoot.render(), 0, 1)
-        srgb = np.where(seen <= 0.0031308, seen * 12.92, 1.055 * seen ** (1 / 2.4) - 0.055)
-        Image.fromarray((srgb * 255 + 0.5).astype(np.uint8)).save(arguments.out / f"{name}.png")
+        Image.fromarray(srgb_pixels(np.clip(shoot.render(), 0, 1))).save(arguments.out / f"{name}.png")
         made[name] = viewmat.tolist()
     shoot.write_json(arguments.out / "cameras.json", made)
     return 0

@@ -84,8 +84,7 @@ class Phone:
         seen = cv2.remap(np.clip(linear * 2.0**stops, 0, 1.5), *self.ideal_positions(), cv2.INTER_CUBIC)
         seen = np.clip(seen, 0, 1)
         seen = np.clip(seen + rng.normal(0, 1, seen.shape) * np.sqrt(1e-6 + 6e-5 * seen), 0, 1)
-        srgb = np.where(seen <= 0.0031308, seen * 12.92, 1.055 * seen ** (1 / 2.4) - 0.055)
-        return (srgb * 255 + 0.5).astype(np.uint8)
+        return srgb_pixels(seen)
 
     def remap_ids(self, ids: np.ndarray) -> np.ndarray:
         """Return an id picture with the distortion of the lens, without interpolation."""
@@ -103,6 +102,12 @@ class Phone:
         unfinished = path.with_suffix(".part")
         picture.save(unfinished, "JPEG", quality=self.quality, subsampling=self.subsampling, exif=exif)
         os.replace(unfinished, path)
+
+
+def srgb_pixels(linear: np.ndarray) -> np.ndarray:
+    """Return 8-bit sRGB pixels of linear values from 0 to 1."""
+    srgb = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return (srgb * 255 + 0.5).astype(np.uint8)
 
 
 def save_ids(ids: np.ndarray, path: Path) -> None:
