@@ -1,8 +1,8 @@
 """Build the extension's zip with Blender's own tool: ``make zip``.
 
 ``blender_ext.py`` is part of ``bpy`` and does the same as ``blender --command extension build``: it validates
-``blender_manifest.toml`` and writes the zip. The zip is written anew with the version of the engine and without times, so
-that the same files give the same bytes. Its contents are checked before it gets its final name.
+``blender_manifest.toml`` and writes the zip. The zip is written anew with the version of the engine and without times,
+so that the same files give the same bytes. Its contents are checked before it gets its final name.
 
 example: python scripts/build_extension.py --out dist/gaussian_heritage.zip
 """
@@ -30,12 +30,21 @@ REQUIRED_FILES = (MANIFEST, "__init__.py", "LICENSE")
 
 
 def main() -> int:
-    """Build the zip and return 0, or print its problems and return 1."""
+    """Build the zip and return 0, or print its problem and return 1."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--out", type=Path, default=ROOT / "dist" / "gaussian_heritage.zip", help="(default: %(default)s)"
     )
     out = parser.parse_args().out.resolve()
+    if problem := build(out):
+        print(problem, file=sys.stderr)
+        return 1
+    print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
+    return 0
+
+
+def build(out: Path) -> str:
+    """Write the zip `out`, and return a sentence about a failure, empty when there is none."""
     out.parent.mkdir(parents=True, exist_ok=True)
     built, unchecked = out.with_name(out.name + ".built.zip"), out.with_name(out.name + ".tmp.zip")
     # `build` validates the manifest, `validate` the zip that users install.
@@ -43,18 +52,12 @@ def main() -> int:
     if not problem:
         write_anew(built, unchecked, __version__)
         built.unlink()
-        problem = run_tool("validate", unchecked)
-    if problem:
-        print(problem, file=sys.stderr)
-        return 1
-    problems = find_problems(unchecked)
-    if problems:
-        print("\n".join(problems), file=sys.stderr)
-        unchecked.unlink()
-        return 1
-    replace_file(unchecked, out)
-    print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
-    return 0
+        problem = run_tool("validate", unchecked) or "\n".join(find_problems(unchecked))
+        if problem:
+            unchecked.unlink()
+        else:
+            replace_file(unchecked, out)
+    return problem
 
 
 def run_tool(*arguments: object) -> str:
@@ -68,7 +71,7 @@ def run_tool(*arguments: object) -> str:
 
 
 def write_anew(source: Path, target: Path, version: str) -> None:
-    """Write the files of a zip in the order of their names, with one time and one mode, and a version in the manifest."""
+    """Write the files of a zip in the order of their names, with one time and mode, and a version in the manifest."""
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
         for name in sorted(name for name in old.namelist() if not name.endswith("/")):
             content = old.read(name)
