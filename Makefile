@@ -124,6 +124,9 @@ hostile: setup ## hostile projects and .blend files in every command and in Blen
 zip: page ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
 
+release: setup page ## dist/release: extension repository, offline bundles, container recipe, SBOM, checksums; 4 GB, from a commit
+	$(ENGINE) scripts/make_release.py
+
 offline-bundle: setup ## dist/gaussian_heritage_offline.zip: sets up the engine without a network; SYSTEM=windows|macos|linux PYTHON_VERSION=3.11
 	$(ENGINE) -m engine.install.environment bundle dist/gaussian_heritage_offline$(if $(SYSTEM),_$(SYSTEM)).zip \
 		$(if $(SYSTEM),--system $(SYSTEM)) $(if $(PYTHON_VERSION),--python-version $(PYTHON_VERSION))

@@ -2,8 +2,8 @@
 
 ``repository`` is a static extension repository for Blender: the extension and ``index.json``. Beside it are offline
 bundles for each system and each Python of `places.BLENDERS`, what the container image is built from, the SBOM of the
-engine and ``SHA256SUMS``. A release is made of a commit: the same commit gives the same bytes again, where the registries
-offer the same files.
+engine and ``SHA256SUMS``. A release is made of a commit: the same commit gives the same bytes again, where the
+registries offer the same files.
 
 example: python scripts/make_release.py --without-bundles
 """
