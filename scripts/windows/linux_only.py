@@ -30,7 +30,7 @@ BLENDER = "tests/blender/"
 """Folder of the tests that run in Blender as a module."""
 
 IN_BLENDER = {
-    "zip": ("test_extension_zip.py",),
+    "zip": ("test_extension_zip.py", "test_subscription.py"),
     "jobs": (
         "addon/test_job_order.py",
         "addon/test_job_runner.py",
