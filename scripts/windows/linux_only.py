@@ -71,6 +71,7 @@ IN_BLENDER = {
         "addon/test_ply_in_and_out.py",
     ),
     "projects": (
+        "addon/test_earlier_releases.py",
         "addon/test_hostile_blend.py",
         "addon/test_moved_project.py",
         "addon/test_project.py",
