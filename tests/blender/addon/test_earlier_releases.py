@@ -23,13 +23,13 @@ def test_file_of_an_earlier_release_is_as_it_was(
     room = Path(shutil.copytree(source, tmp_path / "moved room"))
     bpy.ops.wm.open_mainfile(filepath=str(room / "scene.blend"))
     (scene,) = [obj for obj in bpy.data.objects if obj.heritage.role == "SCENE"]
-    teapot = isolated()["teapot"]
-    assert 0 < len(teapot.data.vertices) < len(scene.data.vertices) == 400
-    assert "Teapot" in bpy.data.collections
+    exhibit = isolated()["exhibit"]
+    assert 0 < len(exhibit.data.vertices) < len(scene.data.vertices) == 400
+    assert "Exhibit" in bpy.data.collections
     exported = tmp_path / "exported"
     exported.mkdir()
     bpy.ops.heritage.export_objects(directory=str(exported), format="GLB", scope="ALL")
-    assert [file.name for file in exported.iterdir()] == ["Teapot.glb"]
+    assert [file.name for file in exported.iterdir()] == ["Exhibit.glb"]
     project_of = part("gaussian_heritage_addon.splats.properties").project_of
     assert project_of(bpy.context.scene.heritage) == room / "project"
 

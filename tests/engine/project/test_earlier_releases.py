@@ -33,9 +33,11 @@ def test_there_is_a_small_project_of_each_release() -> None:
 def test_its_object_is_exported_with_its_size(
     project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    answer = call(capsys, "export", project, "--object", "Teapot", "--format", "ply", "--out", tmp_path / "teapot.ply")
+    answer = call(
+        capsys, "export", project, "--object", "Exhibit", "--format", "ply", "--out", tmp_path / "exhibit.ply"
+    )
     assert answer.code == 0, answer.error
-    head = (tmp_path / "teapot.ply").read_bytes().partition(b"end_header")[0].decode()
+    head = (tmp_path / "exhibit.ply").read_bytes().partition(b"end_header")[0].decode()
     assert "comment unit metre" in head
     (n,) = [int(line.split()[-1]) for line in head.splitlines() if line.startswith("element vertex")]
     assert 0 < n < 400
@@ -47,11 +49,11 @@ def test_it_is_rendered_renamed_and_measured_as_one_of_this_version(
     picture = tmp_path / "view.png"
     for words in (
         ("render", project, "--view", "view_08.jpg", "--out", picture),
-        ("edit", project, "--rename", "teapot=Kettle"),
+        ("edit", project, "--rename", "exhibit=Jug"),
         ("measure", project, "--between", "xyz=0,0,0", "xyz=0,2,0"),
     ):
         answer = call(capsys, *words)
         assert answer.code == 0, answer.error
     assert picture.stat().st_size > 1000
-    assert json.loads((project / "objects" / "teapot" / "object.json").read_text(encoding="utf-8"))["name"] == "Kettle"
+    assert json.loads((project / "objects" / "exhibit" / "object.json").read_text(encoding="utf-8"))["name"] == "Jug"
     assert answer.of_kind("finished")[0]["message"].endswith("Between: 5 m.")
