@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numba import njit
 
@@ -10,8 +12,8 @@ from engine.scene import Mesh, PinholeCamera
 __all__ = ["draw_mesh"]
 
 
-def draw_mesh(mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
-    """Return the colours of a mesh before black, [h, w, 3], float32, sRGB from 0 to 1."""
+def draw_mesh(mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Return the colours of a mesh before a background, [h, w, 3], float32, sRGB from 0 to 1."""
     local = mesh.vertices.astype(np.float64) @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
     z = np.maximum(local[:, 2], 1e-6)
     x, y = (local[:, k] / z * camera.K[k, k] + camera.K[k, 2] for k in (0, 1))
@@ -26,7 +28,7 @@ def draw_mesh(mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
     side = mesh.texture.shape[0]
     columns = np.clip((uv[:, 0] * side).astype(int), 0, side - 1)
     rows = np.clip(((1 - uv[:, 1]) * side).astype(int), 0, side - 1)
-    picture = np.zeros((*shape, 3), np.float32)
+    picture = np.full((*shape, 3), background, np.float32)
     picture[shown] = mesh.texture[rows, columns, :3] / np.float32(255)
     return picture
 
