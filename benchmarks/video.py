@@ -1,7 +1,7 @@
-"""A film of 20 seconds that shows what a project is: the room, then three objects as splats and as meshes; and a picture.
+"""A film of 20 seconds that shows the room of a project and three objects, as splats and as meshes; and a picture.
 
 The camera goes through the places of the photos, then around each object on the sides that photos saw. All pictures are
-rendered by the engine; browsers play VP9 in WebM, and nobody asks a fee for it. The picture has photos, scene and objects.
+rendered by the engine. Browsers play VP9 in WebM, and nobody asks a fee for it. The picture has photos, scene, objects.
 
 example: python -m benchmarks.video --project out/museum_room/project --out docs/pictures
 """
@@ -88,7 +88,7 @@ def summary(photos: Sequence[np.ndarray], scene: np.ndarray, objects: Sequence[n
     rows = []
     for panel, word in zip(panels, ("photos", "scene", "objects, and a mesh"), strict=True):
         caption = np.full((40, PANEL[0], 3), 255, np.uint8)
-        cv2.putText(caption, word, (8, 28), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (60, 60, 60), 1, cv2.LINE_AA)
+        write_word(caption, word, (8, 28))
         rows.append(np.concatenate([caption, panel]))
     gap = np.full((rows[0].shape[0], 16, 3), 255, np.uint8)
     return np.concatenate([rows[0], gap, rows[1], gap, rows[2]], axis=1)
@@ -156,9 +156,14 @@ def side_by_side(export: Export, mesh: Mesh, camera: PinholeCamera) -> np.ndarra
     picture = np.full((HEIGHT, WIDTH, 3), np.round(255 * paper), np.uint8)
     top = (HEIGHT - camera.height) // 2
     picture[top : top + camera.height] = np.concatenate([splats, drawn], axis=1)
-    for left, word in ((0, "Gaussian splats"), (WIDTH // 2, "mesh")):
-        cv2.putText(picture, word, (left + 24, HEIGHT - 40), cv2.FONT_HERSHEY_SIMPLEX, 0.8, (60, 60, 60), 1, cv2.LINE_AA)
+    write_word(picture, "Gaussian splats", (24, HEIGHT - 40))
+    write_word(picture, "mesh", (WIDTH // 2 + 24, HEIGHT - 40))
     return picture
+
+
+def write_word(picture: np.ndarray, word: str, left_bottom: tuple[int, int]) -> None:
+    """Write a word into a picture, in dark grey."""
+    cv2.putText(picture, word, left_bottom, cv2.FONT_HERSHEY_SIMPLEX, 0.8, (60, 60, 60), 1, cv2.LINE_AA)
 
 
 def write_film(path: Path, frames: Sequence[np.ndarray]) -> None:
