@@ -36,8 +36,12 @@ from .mesh_pictures import draw_mesh
 WIDTH, HEIGHT = 720, 540
 FRAMES_PER_SECOND = 24
 ROOM_SECONDS, OBJECT_SECONDS = 8, 4
-QUALITY = 36
-"""VP9's constant quality, 0 to 63: with 36, edges of splats show no blocks."""
+ROOM_PHOTOS = 16
+"""The camera goes through as many photos, the first ones; more would hurry it."""
+OBJECT_SIDE = 460
+"""Side of an object's picture in pixels, of which the middle is shown: objects do not fill the width."""
+QUALITY = 38
+"""VP9's constant quality, 0 to 63: with 38, edges of splats show no blocks."""
 OBJECTS = ("vase", "teapot", "mask")
 FILM, PICTURE = "turntable.webm", "photos_scene_objects.jpg"
 PANEL = (480, 360)
@@ -115,7 +119,7 @@ def room_pictures(export: Export) -> Iterator[np.ndarray]:
 
 def way_through(cameras: Sequence[Camera], count: int) -> list[PinholeCamera]:
     """Return cameras of the film's size at even distances on the way from photo to photo, in the order of names."""
-    ordered = sorted(cameras, key=lambda camera: camera.photo)
+    ordered = sorted(cameras, key=lambda camera: camera.photo)[:ROOM_PHOTOS]
     centers = np.array([camera.center for camera in ordered])
     # The way also counts how far the camera turns, so that a turn on the spot takes its time.
     turns = Rotation.from_matrix([camera.viewmat[:3, :3] for camera in ordered])
@@ -143,7 +147,7 @@ def object_pictures(project: ProjectFolder, export: Export) -> list[np.ndarray]:
     mesh = mesh_of(project, export, MeshSettings(), should_stop=never_stop).mesh
     (seen_from,) = best_seen_from(Scene(export.whole), [export.members], export.camera_set.cameras)
     half = OBJECT_SECONDS * FRAMES_PER_SECOND // 2
-    sides = orbit_cameras(export.gaussians.means, seen_from, count=half + 1, side=WIDTH // 2)
+    sides = orbit_cameras(export.gaussians.means, seen_from, count=half + 1, side=OBJECT_SIDE)
     there = [side_by_side(export, mesh, side) for side in sides]
     return [*there[:-1], *there[:0:-1]]
 
@@ -154,8 +158,10 @@ def side_by_side(export: Export, mesh: Mesh, camera: PinholeCamera) -> np.ndarra
     splats = render_alone(replace(export.gaussians, features=None), camera, PAPER_WHITE)
     drawn = np.round(255 * draw_mesh(mesh, camera, background=paper)).astype(np.uint8)
     picture = np.full((HEIGHT, WIDTH, 3), np.round(255 * paper), np.uint8)
-    top = (HEIGHT - camera.height) // 2
-    picture[top : top + camera.height] = np.concatenate([splats, drawn], axis=1)
+    top, half = (HEIGHT - OBJECT_SIDE) // 2, WIDTH // 2
+    left = (OBJECT_SIDE - half) // 2
+    for number, square in enumerate((splats, drawn)):
+        picture[top : top + OBJECT_SIDE, number * half : (number + 1) * half] = square[:, left : left + half]
     write_word(picture, "Gaussian splats", (24, HEIGHT - 40))
     write_word(picture, "mesh", (WIDTH // 2 + 24, HEIGHT - 40))
     return picture

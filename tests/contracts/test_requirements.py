@@ -24,6 +24,7 @@ LOCKED_FILES = {
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-contrib-python-headless",
+    "cyclonedx": "cyclonedx-python-lib",
     "fast_simplification": "fast-simplification",
     "flip_evaluator": "flip-evaluator",
     "pillow_heif": "pillow-heif",
@@ -92,9 +93,9 @@ def test_scripts_start_before_any_environment() -> None:
     ours = {path.stem for path in (ROOT / "scripts").glob("*.py")}
     # In Blender, or in the root of its window, which window.sh makes.
     in_blender = {"bpy", "mathutils", "numpy", "bl_ext", "addon_utils", "Xlib"}
-    # Windows and the window are tested in the environment of the engine, which `make setup` makes first.
-    in_engine = {"opencv-contrib-python-headless", "packaging", "pillow", "scipy"}
-    ours.add("windows")
+    # In the environment of the engine, which `make setup` makes first: tests of Windows and the window, and releases.
+    in_engine = {"cyclonedx-python-lib", "opencv-contrib-python-headless", "packaging", "pillow", "scipy"}
+    ours |= {"container", "windows"}
     # `engine.install.environment` needs nothing else, as a contract of .importlinter demands.
     ours.add("engine")
     assert imported(ROOT / "scripts") - ours - in_blender - in_engine == set()
