@@ -60,12 +60,12 @@ def main() -> int:
     except ReleaseProblem as problem:
         print(f"The release was not made: {problem}", file=sys.stderr)
         return 1
-    problems = [] if options.without_bundles else offline_bundles(out)
+    missing = [] if options.without_bundles else offline_bundles(out)
     (out / CHECKSUMS).write_text(checksums(out), encoding="utf-8")
     print(listing(out))
-    for problem in problems:
-        print(f"\nNot in this release: {problem}", file=sys.stderr)
-    return int(bool(problems))
+    for sentence in missing:
+        print(f"\nNot in this release: {sentence}", file=sys.stderr)
+    return int(bool(missing))
 
 
 def require_commit() -> None:

@@ -80,9 +80,9 @@ def debian_packages() -> Iterator[dict[str, Any]]:
             yield {"type": "library", "bom-ref": url, "name": name, "version": version, "purl": url}
 
 
-def page_packages(licences: Path) -> Iterator[dict[str, Any]]:
+def page_packages(listed: Path) -> Iterator[dict[str, Any]]:
     """Yield the packages of npm whose code is in a page, as its build listed them in a file."""
-    text = licences.read_text(encoding="utf-8")
+    text = listed.read_text(encoding="utf-8")
     for name, version, licence in re.findall(r"^(\S+) (\d\S*) \(([\w.-]+)\)$", text, re.MULTILINE):
         url = f"pkg:npm/{name.replace('@', '%40')}@{version}"
         licences = [{"license": {"id": licence}}]

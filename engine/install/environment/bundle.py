@@ -197,8 +197,8 @@ def write_bundle(
                 emit(Progress("bundle", 0.7 + 0.3 * number / len(content), message=f"Packing {file.name}"))
                 entry = _entry(key)
                 entry.file_size = file.stat().st_size  # decides whether the entry can have 4 GB
-                with opened(file, advice=_ADVICE) as source, archive.open(entry, "w") as packed:
-                    shutil.copyfileobj(source, packed, _CHUNK)
+                with opened(file, advice=_ADVICE) as unpacked, archive.open(entry, "w") as packed:
+                    shutil.copyfileobj(unpacked, packed, _CHUNK)
     return Bundle.read(out)
 
 
