@@ -38,10 +38,10 @@ FRAMES_PER_SECOND = 24
 ROOM_SECONDS, OBJECT_SECONDS = 8, 4
 ROOM_PHOTOS = 16
 """The camera goes through as many photos, the first ones; more would hurry it."""
-OBJECT_SIDE = 460
+OBJECT_SIDE = 420
 """Side of an object's picture in pixels, of which the middle is shown: objects do not fill the width."""
-QUALITY = 38
-"""VP9's constant quality, 0 to 63: with 38, edges of splats show no blocks."""
+QUALITY = 42
+"""VP9's constant quality, 0 to 63: with 42, edges of splats show no blocks."""
 OBJECTS = ("vase", "teapot", "mask")
 FILM, PICTURE = "turntable.webm", "photos_scene_objects.jpg"
 PANEL = (480, 360)
@@ -67,7 +67,7 @@ def main() -> int:
     size = (options.out / FILM).stat().st_size / 1e6
     print(f"{options.out / FILM}: {len(frames) / FRAMES_PER_SECOND:.0f} s, {size:.2f} MB")
     photos = four_photos(Path(project.get("photo_folder")), scene.camera_set.cameras)
-    picture = summary(photos, room[0], [turn[0] for turn in around])
+    picture = summary(photos, room[len(room) // 2], [turn[0] for turn in around])
     with atomic_write(options.out / PICTURE) as stream:
         Image.fromarray(picture).save(stream, "JPEG", quality=88)
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import subprocess
 import sys
 import tarfile
@@ -81,6 +82,7 @@ def test_checkout_with_changes_is_refused(tmp_path: Path, monkeypatch: pytest.Mo
         make_release.require_commit()
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows starts no scripts of Python")
 def test_bundle_that_cannot_be_made_is_told_by_its_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The sentence of the engine, such as one about a registry that does not answer."""
     program = tmp_path / "python.py"
