@@ -1,9 +1,9 @@
 """A building drawn from a seed: rooms in rows, loops through their openings, and walls that look alike.
 
-Rooms of 6 x 5 x 3 units stand in rows of five. A walk leads from room to room, along a row and back along the next one.
-Openings along the walk and between the rows let a camera look into the neighbours, so the walk has loops. One wall of each
-room has one of three wallpapers, on which its own pattern lies. Pictures are cast ray by ray: where a ray leaves a room
-through an opening, it goes on in the neighbour.
+Rooms of 6 x 5 x 3 units stand in rows of five. A walk leads from room to room, along a row and back along the next
+one. Openings along the walk and between the rows let a camera look into the neighbours, so the walk has loops. One wall
+of each room has one of three wallpapers, on which its own pattern lies. Pictures are cast ray by ray: where a ray
+leaves a room through an opening, it goes on in the neighbour.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Building:
     def __init__(self, seed: int) -> None:
         self._seed = seed
         self._rays = rays(WIDTH, HEIGHT, "pinhole", FOCAL).reshape(-1, 3).astype(np.float32)
-        self._inside = functools.lru_cache(maxsize=24)(self._drawn)
+        self._inside = functools.lru_cache(maxsize=32)(self._drawn)
         self._wallpapers = [_texture(np.random.default_rng([seed, 9, number])) for number in range(_WALLPAPERS)]
 
     def cameras(self, count: int) -> list[Float64]:
@@ -95,9 +95,7 @@ class Building:
         found += self._passing(room, north if self._opening(room, north) else following, rng, (-0.9,))
         return found
 
-    def _passing(
-        self, room: _Room, other: _Room, rng: np.random.Generator, steps: tuple[float, ...]
-    ) -> list[Float64]:
+    def _passing(self, room: _Room, other: _Room, rng: np.random.Generator, steps: tuple[float, ...]) -> list[Float64]:
         """Return cameras that look along the way through an opening, at distances behind it."""
         way = np.array([other[0] - room[0], other[1] - room[1], 0.0])
         axis = 0 if way[0] else 1
@@ -120,8 +118,10 @@ class Building:
         axis = 0 if second[0] > first[0] else 1
         if axis == 1 and first[0] % 2 and first[0] != _COLUMNS - 1:
             return None  # Rows are joined in every second column, with that the walk has loops.
-        rng = np.random.default_rng([self._seed, 2, axis, *first])
-        return float((first[1 - axis] + rng.uniform(0.4, 0.6)) * _SIZE[1 - axis])
+        # To the left and to the right in turn, so that no camera looks through the whole building.
+        side = 0.3 if sum(first) % 2 else 0.7
+        jitter = np.random.default_rng([self._seed, 2, axis, *first]).uniform(-0.04, 0.04)
+        return float((first[1 - axis] + side + jitter) * _SIZE[1 - axis])
 
     def _drawn(self, room: _Room) -> _Inside:
         rng = np.random.default_rng([self._seed, 3, room[0] + 1000, room[1] + 1000])

@@ -152,6 +152,11 @@ class ChildBeside:
     def __init__(self, process: subprocess.Popen[bytes], answer: _Collector, complaints: _Collector, what: str) -> None:
         self._process, self._answer, self._complaints, self._what = process, answer, complaints, what
 
+    @property
+    def finished(self) -> bool:
+        """Whether the child has ended."""
+        return self._process.poll() is not None
+
     def end(self) -> Any | None:
         """End the child and return its function's result, None when it had not finished.
 
