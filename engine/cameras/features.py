@@ -287,6 +287,7 @@ def _select_pairs(workspace: SfmWorkspace, report: _Report, should_stop: StopChe
     return promising_pairs(
         [one.descriptors for one in features],
         neighbours=workspace.settings.neighbours,
+        seed=workspace.settings.seed,
         report=lambda done: report(_DETECTED + (_PAIRS_SELECTED - _DETECTED) * done, "selecting pairs of photos"),
         should_stop=should_stop,
     )
