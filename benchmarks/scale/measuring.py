@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import sqlite3
 import time
 from dataclasses import asdict, dataclass, field
@@ -76,15 +77,22 @@ def measure_incremental(photos: SizedSet, folder: Path) -> dict[str, Any]:
 
 
 def measure_global(photos: SizedSet, folder: Path) -> dict[str, Any]:
-    """Map the matches that `measure_incremental` left in `folder` by COLMAP's global mapper."""
+    """Map the matches that `measure_incremental` left in `folder` by COLMAP's global mapper.
+
+    Its focal lengths come from the fundamental matrices (`calibrate_view_graph`): it does not begin without them.
+    """
     options = pycolmap.GlobalPipelineOptions()
     options.random_seed = 0
     options.num_threads = 1
+    calibration = pycolmap.ViewGraphCalibrationOptions()
+    calibration.random_seed = 0
     out = folder / "global"
     out.mkdir(exist_ok=True)
+    database = shutil.copyfile(folder / "database.db", out / "database.db")
     start = time.perf_counter(), cpu_seconds()
     with PeakMemory.of() as peak:
-        models = pycolmap.global_mapping(folder / "database.db", folder / "images", out, options)
+        pycolmap.calibrate_view_graph(database, calibration)
+        models = pycolmap.global_mapping(database, folder / "images", out, options)
     seconds = time.perf_counter() - start[0], cpu_seconds() - start[1]
     names = [photo.name for photo in photos.photos.photos]
     model = max(models.values(), key=lambda one: one.num_reg_images(), default=None)
