@@ -13,10 +13,9 @@ from typing import NoReturn, TypeVar
 
 from ..core.errors import CameraError, Cancelled, DiskError
 from ..core.events import StopCheck
-from ..core.system import usable_cores
 from .colmap import pycolmap
 
-__all__ = ["cores_for", "is_whole_database", "opened_database", "require_free_space", "translated", "wait_for"]
+__all__ = ["is_whole_database", "opened_database", "require_free_space", "translated", "wait_for"]
 
 _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
@@ -81,11 +80,6 @@ def is_whole_database(path: Path) -> bool:
             return list(database.execute("PRAGMA quick_check(1)")) == [("ok",)]
     except sqlite3.DatabaseError:
         return False
-
-
-def cores_for(threads: int) -> int:
-    """Return the number of cores that the setting `threads` stands for: 0 for all that this process may use."""
-    return threads if threads > 0 else len(usable_cores())
 
 
 def wait_for(

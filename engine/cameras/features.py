@@ -18,10 +18,11 @@ from ..core.system import free_memory, native_path, replace_file
 from ..project.folder import stage_key
 from ..scene import Camera, Photo, PhotoSet
 from .colmap import pycolmap
-from .colmap_calls import cores_for, is_whole_database, opened_database, require_free_space, translated, wait_for
+from .colmap_calls import is_whole_database, opened_database, require_free_space, translated, wait_for
 from .feature_scales import feature_sizes
 from .matching import match_pairs
 from .pairs import Pair, all_pairs, largest_descriptors, largest_rows, promising_pairs
+from .processes import cores_for, detecting_cores
 from .settings import CameraSettings
 from .working_copies import WorkingCopy, plan_copies, write_copies, write_default_masks
 
@@ -34,10 +35,6 @@ _COPIED, _DETECTED, _PAIRS_SELECTED = 0.03, 0.58, 0.64
 
 _ROUNDS_PER_BATCH = 2
 """Photos of a batch for each core that detects."""
-_PIXEL_BYTES = 260
-"""Memory of detection per pixel of a copy and core. SIFT works on a picture of twice the size."""
-_MAX_SHARE = 0.5
-"""Share of the free memory that detection may use: masks may be made beside."""
 _DESCRIPTOR_DIM = 128
 """Length of a SIFT descriptor, needed to shape the empty array of a photo without features."""
 
@@ -194,7 +191,8 @@ def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workspace: SfmWorkspace) ->
 def _detect(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) -> None:
     settings = workspace.settings
     options = pycolmap.FeatureExtractionOptions()
-    cores = _detecting_cores(workspace, free_memory())
+    largest = max(copy.width * copy.height for copy in workspace.copies)
+    cores = detecting_cores(cores_for(settings.threads), largest, free=free_memory())
     options.num_threads = cores
     options.use_gpu = False
     options.sift.max_num_features = settings.max_features
@@ -222,15 +220,6 @@ def _detect(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) ->
             report=_no_progress,
             should_stop=should_stop,
         )
-
-
-def _detecting_cores(workspace: SfmWorkspace, free: int | None) -> int:
-    """Return the number of cores that detect features, as far as the `free` bytes of memory suffice."""
-    cores = cores_for(workspace.settings.threads)
-    if free is None:
-        return cores
-    pixels = max(copy.width * copy.height for copy in workspace.copies)
-    return max(1, min(cores, int(_MAX_SHARE * free / (_PIXEL_BYTES * pixels))))
 
 
 def _extract(

@@ -22,20 +22,15 @@ from ..core.events import StopCheck, never_stop
 from ..core.files import delete_derived, read_json, write_json
 from ..core.system import free_memory, replace_file
 from .colmap import pycolmap
-from .colmap_calls import cores_for, is_whole_database, opened_database, require_free_space, wait_for
+from .colmap_calls import is_whole_database, opened_database, require_free_space, wait_for
+from .processes import cores_for, matching_processes
 from .settings import CameraSettings
 
-__all__ = ["match_pairs", "match_share", "n_processes"]
+__all__ = ["match_pairs", "match_share"]
 
 NamePair = tuple[str, str]
 
 _PAIRS_PER_BATCH = 24
-_MIN_PAIRS = 40
-"""Pairs of a process at least: starting one costs as much CPU time as matching ten."""
-_PROCESS_BYTES = 300_000_000
-"""Memory of a process at most, with features of 2,500 photos' size."""
-_MAX_SHARE = 0.5
-"""Share of the free memory that the processes may use together: masks may be made beside."""
 _POLL_SECONDS = 0.1
 _WHAT = "matching the photos"
 _COPIED = ("cameras", "rigs", "rig_sensors", "frames", "frame_data", "images")
@@ -43,20 +38,6 @@ _COPIED_OF_PHOTOS = ("keypoints", "descriptors")
 _MERGED = ("matches", "two_view_geometries")
 _FINISHED_PAIRS = "SELECT pair_id FROM {0}matches INTERSECT SELECT pair_id FROM {0}two_view_geometries"
 """Of a pair that COLMAP has matched and not verified, nothing is kept."""
-
-
-def n_processes(n_pairs: int, settings: CameraSettings, *, free: int | None = None) -> int:
-    """Return the number of processes that match `n_pairs` pairs; 1 is this process.
-
-    Parameters
-    ----------
-    n_pairs : int
-    settings : CameraSettings
-    free : int, optional
-        Free bytes of memory; unknown when None.
-    """
-    fitting = n_pairs if free is None else int(_MAX_SHARE * free / _PROCESS_BYTES)
-    return max(1, min(cores_for(settings.threads), n_pairs // _MIN_PAIRS, fitting))
 
 
 def match_pairs(
@@ -92,7 +73,7 @@ def match_pairs(
     folder = database.parent / "shares"
     _merge(database, folder)
     missing = _missing(database, pairs)
-    count = n_processes(len(missing), settings, free=free_memory())
+    count = matching_processes(cores_for(settings.threads), len(missing), free=free_memory())
     if count > 1:
         count = min(count, _copies_on_disk(database))
 

@@ -24,6 +24,7 @@ __all__ = [
     "all_pairs",
     "largest_descriptors",
     "largest_rows",
+    "n_compared_pairs",
     "promising_pairs",
     "quick_match_rows",
     "quick_matches",
@@ -48,6 +49,12 @@ _NEXT_PHOTOS = 2
 def all_pairs(count: int) -> list[Pair]:
     """Return every pair (i, j) with i < j < `count`."""
     return [(i, j) for i in range(count) for j in range(i + 1, count)]
+
+
+def n_compared_pairs(count: int) -> int:
+    """Return how many pairs of `count` photos are compared quickly, at most."""
+    every = count * (count - 1) // 2
+    return every if count <= EVERY_PAIR_UP_TO else min(every, _SIMILAR * count)
 
 
 def largest_descriptors(scales: Float32, descriptors: NDArray[np.uint8], *, photos: int) -> Float32:

@@ -14,9 +14,10 @@ from typing import Any
 
 import pytest
 
-from engine.cameras import matching
+from engine.cameras import matching, processes
 from engine.cameras.features import SfmWorkspace, match_features
-from engine.cameras.matching import match_pairs, n_processes
+from engine.cameras.matching import match_pairs
+from engine.cameras.processes import detecting_cores, matching_processes
 from engine.cameras.settings import CameraSettings
 from engine.core.errors import CameraError, Cancelled
 from engine.core.events import never_stop
@@ -37,7 +38,7 @@ def matched(room: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def features(matched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a copy without the matches, whose pairs are matched by as many processes as `threads` says."""
-    monkeypatch.setattr(matching, "_MIN_PAIRS", 4)
+    monkeypatch.setattr(processes, "_MIN_PAIRS", 4)
     database = tmp_path / "database.db"
     shutil.copyfile(matched, database)
     with sqlite3.connect(database) as opened:
@@ -61,14 +62,14 @@ def content(database: Path) -> list[list[tuple[Any, ...]]]:
     return rows
 
 
-def match(database: Path, processes: int, *, report: Any = lambda done: None, should_stop: Any = never_stop) -> None:
-    settings = CameraSettings(threads=processes)
+def match(database: Path, count: int, *, report: Any = lambda done: None, should_stop: Any = never_stop) -> None:
+    settings = CameraSettings(threads=count)
     match_pairs(database, all_pairs_of(database), settings, report=report, should_stop=should_stop)
 
 
-@pytest.mark.parametrize("processes", [2, 3, 5])
-def test_several_processes_find_what_one_finds_bit_for_bit(features: Path, matched: Path, processes: int) -> None:
-    match(features, processes)
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_several_processes_find_what_one_finds_bit_for_bit(features: Path, matched: Path, count: int) -> None:
+    match(features, count)
     assert content(features) == content(matched)
     assert not (features.parent / "shares").exists()
 
@@ -143,10 +144,13 @@ def test_shares_of_a_killed_run_are_merged_by_the_next_one(features: Path, match
     assert content(features) == content(matched)
 
 
-def test_number_of_processes_follows_cores_pairs_and_free_memory() -> None:
-    eight = CameraSettings(threads=8)
-    assert n_processes(10_000, eight) == 8
-    assert n_processes(90, eight) == 2
-    assert n_processes(10, eight) == 1
-    assert n_processes(10_000, eight, free=2_000_000_000) == 3
-    assert n_processes(10_000, eight, free=0) == 1
+def test_processes_and_cores_follow_the_pairs_and_the_free_memory() -> None:
+    assert matching_processes(8, 10_000, free=None) == 8
+    assert matching_processes(8, 90, free=None) == 2
+    assert matching_processes(8, 10, free=None) == 1
+    assert matching_processes(8, 10_000, free=1_400_000_000) == 3
+    assert matching_processes(8, 10_000, free=0) == 1
+    # 195 MB a core for copies of 1000 x 750 pixels.
+    assert detecting_cores(16, 750_000, free=None) == 16
+    assert detecting_cores(16, 750_000, free=2_000_000_000) == 5
+    assert detecting_cores(16, 750_000, free=0) == 1
