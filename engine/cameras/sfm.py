@@ -7,6 +7,7 @@ and matched pairs are kept, and mapping starts again. See docs/design_notes/came
 from __future__ import annotations
 
 import time
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from ..core.errors import CameraError
@@ -25,7 +26,7 @@ from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
 from .settings import CameraSettings
 from .still_background import still_background
 
-__all__ = ["estimate_cameras"]
+__all__ = ["estimate_cameras", "other_groups_text"]
 
 _STAGE = "cameras"
 _MATCHED = 0.85
@@ -187,15 +188,34 @@ def _warn_of_other_models(
     workspace: SfmWorkspace, models: list[pycolmap.Reconstruction], largest: pycolmap.Reconstruction, emit: Emit
 ) -> None:
     kept = set(_photo_names(workspace, largest))
-    others = [names for model in models if (names := sorted(set(_photo_names(workspace, model)) - kept))]
-    if others:
-        listed = "; ".join(", ".join(names) for names in others)
-        emit(
-            Warned(
-                f"The photos fall into {len(others) + 1} groups that no photo connects. The largest with {len(kept)} "
-                f"photos is used; left out: {listed}."
-            )
-        )
+    if text := other_groups_text(len(kept), [set(_photo_names(workspace, model)) - kept for model in models]):
+        emit(Warned(text))
+
+
+def other_groups_text(n_kept: int, others: Iterable[Collection[str]]) -> str:
+    """Return which photos lie in groups that no photo connects with those used, and what to do; empty without any.
+
+    Parameters
+    ----------
+    n_kept : int
+        Number of the photos that are used.
+    others : iterable of collections of str
+        Names of the photos of each other group. A photo of several groups counts for the largest.
+    """
+    named: set[str] = set()
+    listed = []
+    for group in sorted(others, key=lambda names: (-len(names), sorted(names))):
+        if own := sorted(set(group) - named):
+            named.update(own)
+            size = f"{len(own)} photo{'s' if len(own) != 1 else ''}"
+            listed.append(f"group {len(listed) + 2} ({size}): {', '.join(own)}")
+    if not listed:
+        return ""
+    return (
+        f"The photos fall into {len(listed) + 1} groups that no photo connects, and the largest with {n_kept} photos "
+        "is used: put the photos of each other group into a folder of its own and make a project of it, or add photos "
+        f"that show a part of two groups; {'; '.join(listed)}."
+    )
 
 
 def _photo_names(workspace: SfmWorkspace, model: pycolmap.Reconstruction) -> list[str]:
