@@ -128,6 +128,8 @@ class Building:
         faces = [_texture(rng) for _ in range(6)]
         alike = int(rng.integers(4))
         paper = self._wallpapers[int(rng.integers(_WALLPAPERS))].astype(float)
+        # No wall is the mirror image of another: seen from inside, the first axis of these two runs to the left.
+        paper = paper[::-1] if alike in (1, 2) else paper
         faces[alike] = (0.6 * paper + 0.4 * faces[alike]).astype(np.uint8)
         cases = []
         for x, y in ((-2.3, -1.85), (2.3, -1.85), (-2.3, 1.85), (2.3, 1.85), (0.0, 0.0)):
@@ -164,7 +166,12 @@ class Building:
             side = entered[:, hit].argmax(axis=0)
             for number in range(3):
                 of_side = side == number
-                colour[hit[of_side]] = _sampled(texture, np.delete(on_case[of_side], number, axis=1) / 2.0)
+                at = np.delete(on_case[of_side], number, axis=1) / 2.0
+                # Each side has its own part of the texture, so that none is the mirror image of another.
+                second = along[number, hit[of_side]] < 0
+                at[:, 0] = 0.5 * at[:, 0] + 0.25 * number
+                at[:, 1] = 0.4 * at[:, 1] + 0.5 * second
+                colour[hit[of_side]] = _sampled(texture, at)
             for rows in open_to.values():
                 rows[hit] = False
         return colour, {other: np.flatnonzero(rows) for other, rows in open_to.items() if rows.any()}
