@@ -15,12 +15,13 @@ PROMPTS ?=
 PRESET ?= standard
 FUZZ_S ?= 600
 DRAW ?=
+SETS ?=
 SYSTEM ?=
 PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help bench-meshes batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms real-sets tables lock zip clean
+.PHONY: help bench-scale bench-meshes batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms real-sets tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -95,6 +96,9 @@ bench-batch: setup ## cost of a batch, and workers killed at random moments, int
 
 bench-formats: setup ## time, size and memory of exported files beside other programs, into docs/formats.md; 5 minutes
 	$(ENGINE) -m benchmarks.formats speed --doc docs/formats.md
+
+bench-scale: setup ## cameras of 25 to 300 photos of a generated building and of real sets, into docs/run_time.md; SETS=building_1000 for more; resumable; an hour
+	$(ENGINE) -m benchmarks.scale $(if $(SETS),--sets $(SETS)) --doc docs/run_time.md
 
 bench-meshes: setup ## meshes of the exhibits of generated rooms beside true ones, into docs/meshes.md; ROOMS="out/rooms/room_1 ..."; a minute an object
 	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md
