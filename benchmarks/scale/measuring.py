@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 import sqlite3
 import time
@@ -72,7 +71,6 @@ def measure_incremental(photos: SizedSet, folder: Path) -> dict[str, Any]:
         "wall": clock.wall,
         "cpu": clock.cpu,
         "peak_bytes": peak.bytes,
-        "child_bytes": _largest_child(),
     }
 
 
@@ -132,12 +130,3 @@ def _pairs(database: Path) -> dict[str, int]:
     with contextlib.closing(sqlite3.connect(database)) as opened:
         rows = [rows for (rows,) in opened.execute("SELECT rows FROM two_view_geometries")]
     return {"n_pairs": len(rows), "n_verified": sum(count > 0 for count in rows)}
-
-
-def _largest_child() -> int | None:
-    """Return the peak memory of the largest child process that has ended, in bytes."""
-    if os.name == "nt":
-        return None
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss << 10
