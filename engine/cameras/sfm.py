@@ -203,7 +203,7 @@ def other_groups_text(n_kept: int, others: Iterable[Collection[str]]) -> str:
         Names of the photos of each other group. A photo of several groups counts for the largest.
     """
     named: set[str] = set()
-    listed = []
+    listed: list[str] = []
     for group in sorted(others, key=lambda names: (-len(names), sorted(names))):
         if own := sorted(set(group) - named):
             named.update(own)
