@@ -178,13 +178,17 @@ class Evidence:
         return sum(not pair.agrees for pair in self.pairs) / len(self.pairs) if self.pairs else 0.0
 
 
-def measure_model(model: pycolmap.Reconstruction, *, should_stop: StopCheck) -> dict[str, float | bool | int]:
+def measure_model(
+    model: pycolmap.Reconstruction, own: LensTrial | None, *, should_stop: StopCheck
+) -> dict[str, float | bool | int]:
     """Return the figures of `Evidence` that the model alone gives, by name.
 
     Parameters
     ----------
     model : pycolmap.Reconstruction
         At least three placed photos. It is not changed.
+    own : LensTrial or None
+        Its trial with a lens for each photo (`tried_lenses`), made here when None.
     should_stop : StopCheck
 
     Raises
@@ -203,7 +207,7 @@ def measure_model(model: pycolmap.Reconstruction, *, should_stop: StopCheck) -> 
     figures["missing"] = missing_share(model)
     from .lens_groups import lenses_differ
 
-    own = tried_lenses(model, should_stop=should_stop)
+    own = own or tried_lenses(model, should_stop=should_stop)
     figures["lenses_differ"] = lenses_differ(model, own)
     if own.lenses:
         figures["own_gain"] = own.error / max(own.before, 1e-6)

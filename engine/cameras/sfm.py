@@ -21,6 +21,7 @@ from .feature_scales import size_gap
 from .features import SfmWorkspace, match_features
 from .health import TURNED, judge, refuted_images
 from .lens_groups import map_with_lenses
+from .lens_trials import LensTrial
 from .mirrored import mirrored_photos
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
 from .settings import CameraSettings
@@ -88,7 +89,7 @@ def estimate_cameras(
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    models = map_with_lenses(workspace, lambda: _map(workspace, progress, should_stop), should_stop=should_stop)
+    models, own = map_with_lenses(workspace, lambda: _map(workspace, progress, should_stop), should_stop=should_stop)
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
     still = still_background(workspace) if placed < count else None
@@ -99,7 +100,7 @@ def estimate_cameras(
         emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
     _warn_of_other_models(workspace, models, largest, emit)
     progress(_MAPPED, "checking the cameras")
-    result = _as_camera_set(workspace, largest, _check(workspace, models, largest, should_stop))
+    result = _as_camera_set(workspace, largest, _check(workspace, models, largest, own, should_stop))
     health = result.health
     if health is not None and health.colour != "green":
         emit(Warned(health.sentence))
@@ -244,6 +245,7 @@ def _check(
     workspace: SfmWorkspace,
     models: list[pycolmap.Reconstruction],
     model: pycolmap.Reconstruction,
+    own: LensTrial | None,
     should_stop: StopCheck,
 ) -> CameraHealth:
     """Return what the photos say against the cameras of `model`."""
@@ -263,7 +265,7 @@ def _check(
         other_models=tuple(tuple(sorted(set(_photo_names(workspace, other)) - kept)) for other in models),
         mirrored=(mirrored := _mirrored(workspace, should_stop)),
         mirrored_placed=tuple(name for name in mirrored if name in kept),
-        **measure_model(model, should_stop=should_stop),  # type: ignore[arg-type]
+        **measure_model(model, own, should_stop=should_stop),  # type: ignore[arg-type]
     )
     refuted = [workspace.copy_of(model.image(image_id).name).photo.name for image_id in refuted_images(pairs)]
     return judge(evidence, refuted=sorted(refuted))
