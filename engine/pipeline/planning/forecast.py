@@ -90,7 +90,7 @@ POINTS_PER_PHOTO = 220  # chosen on museum_room, sakharov_statue32
 """Training: expected number of sparse points per photo that training starts from."""
 
 _SERIAL_SHARE = {
-    "photos": 0.1, "cameras": 0.36, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
+    "photos": 0.1, "cameras": 0.2, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
 }  # fmt: skip  # chosen on museum_room, sakharov_statue32
 """Share of each stage's work that cannot be divided among cores."""
 _MAX_CORES = {"masks": 2}
