@@ -21,14 +21,14 @@ from .table import scale_table
 
 __all__ = ["main"]
 
-_DOCUMENT_START = "# Run time\n\n"
+_SETS = "building_25,building_50,museum_room,building_150,building_300"
 _MAPPERS = {"incremental": measure_incremental, "global": measure_global}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure what has no result yet, and print the table of all results or write it into a document."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scale", description=__doc__)
-    parser.add_argument("--sets", default="building_25,building_50,building_150,building_300", help="%(default)s")
+    parser.add_argument("--sets", default=_SETS, help="default: %(default)s")
     parser.add_argument("--cores", type=int, default=2, help="cores to use (default: %(default)s)")
     parser.add_argument("--first-core", type=int, default=0, help="number of the first of them (default: %(default)s)")
     parser.add_argument("--no-global", action="store_true", help="leave COLMAP's global mapper out")
@@ -48,12 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = scale_table([json.loads(file.read_text(encoding="utf-8")) for file in sorted(results.glob("*.json"))])
     if options.doc is None:
         sys.stdout.write(text)
-        return 0
-    if not options.doc.is_file():
-        options.doc.write_text(_DOCUMENT_START, encoding="utf-8")
-    if "<!-- scale -->" not in (before := options.doc.read_text(encoding="utf-8")):
-        options.doc.write_text(f"{before}\n<!-- scale -->\n<!-- end of scale -->\n", encoding="utf-8")
-    put_into(options.doc, "scale", text)
+    else:
+        put_into(options.doc, "scale", text)
     return 0
 
 
