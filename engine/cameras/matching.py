@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import logging
 import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..core.child_process import ChildBeside, ChildFailure, child_beside
 from ..core.errors import CameraError, Cancelled, DiskError
@@ -28,6 +30,8 @@ from .settings import CameraSettings
 
 __all__ = ["match_pairs", "match_share"]
 
+_LOG = logging.getLogger(__name__)
+
 NamePair = tuple[str, str]
 
 _PAIRS_PER_BATCH = 24
@@ -36,7 +40,7 @@ _WHAT = "matching the photos"
 _COPIED = ("cameras", "rigs", "rig_sensors", "frames", "frame_data", "images")
 _COPIED_OF_PHOTOS = ("keypoints", "descriptors")
 _MERGED = ("matches", "two_view_geometries")
-_FINISHED_PAIRS = "SELECT pair_id FROM {0}matches INTERSECT SELECT pair_id FROM {0}two_view_geometries"
+_FINISHED_PAIRS = "SELECT pair_id FROM matches INTERSECT SELECT pair_id FROM two_view_geometries"
 """Of a pair that COLMAP has matched and not verified, nothing is kept."""
 
 
@@ -73,6 +77,8 @@ def match_pairs(
     folder = database.parent / "shares"
     _merge(database, folder)
     missing = _missing(database, pairs)
+    if not missing:
+        return
     count = matching_processes(cores_for(settings.threads), len(missing), free=free_memory())
     if count > 1:
         count = min(count, _copies_on_disk(database))
@@ -246,21 +252,31 @@ def _missing(database: Path, pairs: Sequence[NamePair]) -> list[NamePair]:
     """Return the pairs that are not both matched and verified."""
     with _opened(database) as opened:
         ids = dict(opened.execute("SELECT name, image_id FROM images"))
-        done = {pair_id for (pair_id,) in opened.execute(_FINISHED_PAIRS.format(""))}
+        done = {pair_id for (pair_id,) in opened.execute(_FINISHED_PAIRS)}
     return [pair for pair in pairs if pycolmap.image_pair_to_pair_id(ids[pair[0]], ids[pair[1]]) not in done]
 
 
 def _merge(database: Path, folder: Path) -> None:
     """Move what the shares below `folder` hold into `database`, in the order of the shares, and delete them."""
     for part in sorted(folder.glob("*/database.db")):
-        if is_whole_database(part):
-            with _opened(database) as opened:
-                opened.execute("ATTACH ? AS part", (str(part),))
-                with opened:
-                    for table in _MERGED:
-                        opened.execute(
-                            f"INSERT OR IGNORE INTO {table} SELECT * FROM part.{table} "
-                            f"WHERE pair_id IN ({_FINISHED_PAIRS.format('part.')}) ORDER BY pair_id"
-                        )
+        found = _finished(part)
+        with _opened(database) as opened, opened:
+            for table, rows in found.items():
+                if rows:
+                    places = ", ".join("?" * len(rows[0]))
+                    opened.executemany(f"INSERT OR IGNORE INTO {table} VALUES ({places})", rows)
     if folder.exists():
         delete_derived(folder.parent, folder.name)
+
+
+def _finished(part: Path) -> dict[str, list[tuple[Any, ...]]]:
+    """Return the rows of the finished pairs of a share by their table; none of a damaged one."""
+    if not is_whole_database(part):
+        return {}
+    try:
+        with contextlib.closing(sqlite3.connect(part)) as opened:
+            chosen = f"WHERE pair_id IN ({_FINISHED_PAIRS}) ORDER BY pair_id"
+            return {table: list(opened.execute(f"SELECT * FROM {table} {chosen}")) for table in _MERGED}
+    except sqlite3.Error as error:
+        _LOG.warning("%s cannot be read, so its pairs are matched again: %s", part, error)
+        return {}

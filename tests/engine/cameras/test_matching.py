@@ -134,6 +134,11 @@ def test_shares_of_a_killed_run_are_merged_by_the_next_one(features: Path, match
     damaged = features.parent / "shares" / "001" / "database.db"
     damaged.parent.mkdir(parents=True)
     damaged.write_bytes(matched.read_bytes()[:5000])
+    strange = features.parent / "shares" / "002" / "database.db"
+    strange.parent.mkdir(parents=True)
+    opened = sqlite3.connect(strange)
+    opened.execute("CREATE TABLE matches (pair_id INTEGER)")
+    opened.close()
     opened = sqlite3.connect(share)
     opened.execute("DELETE FROM two_view_geometries WHERE pair_id IN (SELECT max(pair_id) FROM matches)")
     opened.commit()
