@@ -78,7 +78,7 @@ def is_whole_database(path: Path) -> bool:
     try:
         with contextlib.closing(sqlite3.connect(path)) as database:
             return list(database.execute("PRAGMA quick_check(1)")) == [("ok",)]
-    except sqlite3.DatabaseError:
+    except (sqlite3.DatabaseError, UnicodeDecodeError):
         return False
 
 

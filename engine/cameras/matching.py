@@ -223,7 +223,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             # As COLMAP: after a power failure the work starts again.
             connection.execute("PRAGMA synchronous = OFF")
             yield connection
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         raise DiskError(f"{path} cannot be used: {error}. Free some space and run again.") from error
 
 
@@ -277,6 +277,6 @@ def _finished(part: Path) -> dict[str, list[tuple[Any, ...]]]:
         with contextlib.closing(sqlite3.connect(part)) as opened:
             chosen = f"WHERE pair_id IN ({_FINISHED_PAIRS}) ORDER BY pair_id"
             return {table: list(opened.execute(f"SELECT * FROM {table} {chosen}")) for table in _MERGED}
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         _LOG.warning("%s cannot be read, so its pairs are matched again: %s", part, error)
         return {}
