@@ -120,6 +120,13 @@ class Parameters:
             state.mean = torch.cat([state.mean, zeros])
             state.square = torch.cat([state.square, zeros])
 
+    def keep(self, rows: torch.Tensor) -> None:
+        """Remove all Gaussians but `rows`, which begin with those of the background."""
+        for name, value in self.values.items():
+            self.values[name] = value.detach()[rows]
+            moment = self.moments[name]
+            self.moments[name] = AdamState(moment.mean[rows], moment.square[rows], moment.step)
+
     def copies(self, rows: torch.Tensor) -> dict[str, torch.Tensor]:
         """Return the values of `rows`."""
         return {name: value.detach()[rows] for name, value in self.values.items()}

@@ -194,6 +194,8 @@ class GrowthSettings:
     full_by : float
         Part of the time of growth after which the largest number is reached: where `grow_factor` is too small for that,
         as with few sparse points, the factor is larger. 0 leaves it as it is.
+    kept : float
+        Part of the largest number that is left in the end, see `thinning`; 1 removes none.
     noise : float
         Strength of the random walk of nearly transparent Gaussians.
     """
@@ -209,6 +211,7 @@ class GrowthSettings:
     grow_interval: int = 30  # chosen on museum_room
     grow_factor: float = 1.05  # Kheradmand et al. 2024
     full_by: float = 0.0
+    kept: float = 1.0
     noise: float = 5e5  # Kheradmand et al. 2024
 
     def __post_init__(self) -> None:
@@ -220,6 +223,7 @@ class GrowthSettings:
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         factors = f"between 1 and {MAX_GROW_FACTOR:g}"
         require(self, "grow_factor", 1 <= self.grow_factor <= MAX_GROW_FACTOR, factors)
+        require(self, "kept", 0 < self.kept <= 1, "above 0 and at most 1")
         require_at_least(self, 0, "noise")
 
     @property
