@@ -29,7 +29,7 @@ TRANSIENT_SEARCHES = (0.2, 0.4)  # chosen on museum_room
 """Fractions of the steps after which transients are searched. Each search replaces the result of the one before:
 Gaussians that fitted a transient fade once its pixels are left out."""
 
-THINNINGS = (0.6, 0.7, 0.8)
+THINNINGS = (0.6, 0.7, 0.8)  # chosen on room_6, meeting_place9
 """Fractions of the steps after which Gaussians are removed, where fewer are kept than there may be."""
 
 _COARSE_UNTIL = 0.5  # chosen on museum_room, sakharov_statue32
