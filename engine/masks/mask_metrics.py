@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.arrays import Mask
+from ..core.arrays import Mask, normalized
 from . import mask_iou
 from .settings import INSTANCE_COSINE
 
@@ -166,10 +166,8 @@ def feature_agreement(
     float
         Mean intersection over union of the segments, 0 to 1; NaN when none is large enough.
     """
-    lengths = np.linalg.norm(features, axis=-1, keepdims=True)
-    unit = np.divide(features, lengths, out=np.zeros_like(features), where=lengths > 1e-12)
     labelled = labels > 0
-    unit, ids = unit[labelled], labels[labelled]
+    unit, ids = normalized(features[labelled]), labels[labelled]
     covered = np.ones(len(ids), bool) if alpha is None else alpha[labelled] > 0.5
     scores = []
     for segment, count in zip(*np.unique(ids, return_counts=True), strict=True):
