@@ -1,4 +1,4 @@
-"""What can be done with the jobs and results that the panel lists, each by its number there."""
+"""Operators on the jobs and results that the panel lists, each by its number there."""
 
 from __future__ import annotations
 

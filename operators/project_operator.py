@@ -1,4 +1,4 @@
-"""What the operators that work on a project share. Not an operator itself."""
+"""Code that the operators that work on a project share. Not an operator itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a project holds, as the API describes it."""
+"""The contents of a project, as the API describes it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of an uploaded file: it is checked by its content, and becomes a photo of its project or is refused."""
+"""Complete uploads: a file is checked by its content, and becomes a photo of its project or is refused."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _ID = re.compile(r"[0-9a-f]{12}")
 
 
 class NotFound(ProjectError):
-    """What a request names does not exist, or belongs to another user: clients must not learn which."""
+    """The thing that a request names does not exist, or belongs to another user: clients must not learn which."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a user removed: it can be brought back until the trash is emptied, by the user or after some days."""
+"""The trash: what a user removed can be brought back until it is emptied, by the user or after some days."""
 
 from __future__ import annotations
 

@@ -283,7 +283,7 @@ def _after_change(changed: list[bpy.types.ID]) -> None:
     """Follow new names, and copies, at once."""
     global _n_objects
     count = len(bpy.data.objects)
-    # What is hidden is not evaluated, so its change is told without its name.
+    # What is hidden is not evaluated, so its change is reported without its name.
     if count == _n_objects and not any(was_renamed(one) for one in changed or all_objects()):
         return
     _n_objects = count

@@ -25,7 +25,7 @@ _CHUNK = 1 << 16
 
 @dataclass(frozen=True)
 class Part:
-    """What the order is computed from, for the Gaussians of one object, in its frame.
+    """The input of the order, for the Gaussians of one object, in its frame.
 
     Attributes
     ----------

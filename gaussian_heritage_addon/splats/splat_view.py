@@ -105,7 +105,7 @@ class _Picture:
 
 @dataclass
 class _State:
-    """What is kept between two draws."""
+    """Values that are kept between two draws."""
 
     parts: dict[str, Part] = field(default_factory=dict)
     versions: dict[str, int] = field(default_factory=dict)

@@ -263,7 +263,7 @@ class SplatScene:
 
     @property
     def stored_file(self) -> StoredFile | None:
-        """What is kept of the file that the object was imported from."""
+        """The numbers and properties kept of the file that the object was imported from."""
         with self._readable_mesh() as mesh:
             return stored_file(self.object, mesh)
 

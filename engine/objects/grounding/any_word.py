@@ -27,7 +27,7 @@ from .windows import square_windows
 __all__ = ["AnyWord"]
 
 _BACKGROUNDS: tuple[Background, ...] = ("white", "blurred")
-"""What becomes of the surroundings of a crop; each is described on its own."""
+"""Treatments of the surroundings of a crop; each is described on its own."""
 _SCALE = 100.0  # Radford et al. 2021
 """Factor of a cosine that gives a logit."""
 _N_ALIKE = 5

@@ -1,4 +1,4 @@
-"""What detectors that describe crops share: segments and boxes are described, and the descriptions scored."""
+"""Base of detectors that describe crops: segments and boxes are described, and the descriptions scored."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ class Detector(Protocol):
     """Name in the model catalogue, stored with every object that the detector finds."""
 
     fingerprint: str
-    """What tells one version of its `example_vectors` from another; empty for a detector that describes no crops."""
+    """Differs between versions of its `example_vectors`; empty for a detector that describes no crops."""
 
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return whether the detector can look for `prompt`.

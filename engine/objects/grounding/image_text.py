@@ -22,7 +22,7 @@ __all__ = ["ENCODERS", "EncoderKind", "ImageTextEncoder", "Tower", "load_encoder
 
 @dataclass(frozen=True)
 class EncoderKind:
-    """What the public description of an encoder says of its inputs and outputs.
+    """Inputs and outputs of an encoder, from its public description.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the viewer shows: the scene, its cameras, the photos to click on, and the live picture of the training."""
+"""Data for the viewer: the scene, its cameras, the photos to click on, and the live picture of the training."""
 
 from __future__ import annotations
 
