@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
 from ...core.errors import ModelFileError
 from ...install.models import Session
-from ...masks import box_ious, mask_box
+from ...masks import box_ious, mask_box, suppress_overlapping
 from .crop_describer import as_box
 from .detector import Detection, Detector, PromptCheck
 from .dino_inputs import Tokenizer, Tokens, normalise_picture, resized_size, to_caption
@@ -119,12 +119,10 @@ class GroundingDino(Detector):
         several boxes with the same segment only the best is kept.
         """
         predicted = self.predict_boxes(pixels, prompt)
-        order = [
-            i
-            for i in np.argsort(-predicted.scores, kind="stable")
-            if predicted.scores[i] > self._settings.box_threshold
+        likely = np.flatnonzero(predicted.scores > self._settings.box_threshold)
+        kept = likely[
+            suppress_overlapping(predicted.corners[likely], predicted.scores[likely], self._settings.max_overlap)
         ]
-        kept = _suppress_overlapping(predicted.corners, order, self._settings.max_overlap)
         boxes = _clip_to_photo(predicted.corners[kept], pixels.shape)
         detections = [
             Detection(as_box(box), float(predicted.scores[i]), predicted.labels[i] or prompt.strip())
@@ -282,15 +280,6 @@ def _extent(mask: Mask, default: ArrayLike) -> Float64:
     """Return the bounding box x0, y0, x1, y1 of a mask; `default` if it is empty."""
     box = mask_box(mask)
     return np.asarray(default if box is None else box, np.float64)
-
-
-def _suppress_overlapping(corners: Float32, order: Sequence[int], max_overlap: float) -> list[int]:
-    """Return the indices in `order` that non-maximum suppression keeps."""
-    kept: list[int] = []
-    for i in order:
-        if not kept or box_ious(corners[kept], corners[i]).max() <= max_overlap:
-            kept.append(int(i))
-    return kept
 
 
 def _clip_to_photo(corners: Float32, shape: tuple[int, ...]) -> Float32:
