@@ -24,7 +24,6 @@ from ..blender.guards import (
     add_datablock_handler,
     add_load_handler,
     add_undo_handler,
-    remove_datablock_handler,
     remove_handler,
 )
 from ..splats.properties import HeritageObject, loading, project_of, record_of, set_record_writer
@@ -315,5 +314,5 @@ def unregister() -> None:
     set_record_writer(None)
     remove_handler(catch_up)
     remove_handler(_after_loading)
-    remove_datablock_handler(_after_change)
+    remove_handler(_after_change)
     _clear()
