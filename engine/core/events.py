@@ -28,6 +28,7 @@ __all__ = [
     "StageFinished",
     "StageStarted",
     "StopCheck",
+    "TimeSpent",
     "Warned",
     "from_json_line",
     "ignore_events",
@@ -123,11 +124,20 @@ class Finished(Event):
     outputs: dict[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class TimeSpent(Event):
+    """The command ended. ``parts``: wall and CPU seconds of each, such as ``training/imports``; see `core.parts`."""
+
+    kind: ClassVar[str] = "time_spent"
+    parts: dict[str, Any]
+
+
 Emit = Callable[[Event], None]
 StopCheck = Callable[[], bool]
 
 _KINDS: dict[str, type[Event]] = {
-    cls.kind: cls for cls in (StageStarted, StageFinished, Progress, Metric, Preview, Warned, ErrorEvent, Finished)
+    cls.kind: cls
+    for cls in (StageStarted, StageFinished, Progress, Metric, Preview, Warned, ErrorEvent, Finished, TimeSpent)
 }
 
 _SCHEMAS_OF_TYPES: dict[str, Schema] = {

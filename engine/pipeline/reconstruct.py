@@ -12,6 +12,7 @@ from .. import __version__
 from ..cameras.settings import CameraSettings
 from ..core.errors import ProjectError
 from ..core.events import Emit, StageStarted, StopCheck
+from ..core.parts import part
 from ..masks import MasksBeside
 from ..masks.settings import MaskSettings
 from ..objects.settings import SegmentSettings
@@ -134,13 +135,16 @@ class _Run:
     def run(self, until: str) -> None:
         """Do the stages up to `until`."""
         wanted = STAGES[: STAGES.index(until) + 1]
-        self.photos()
-        self._plan(wanted)
+        with part("photos"):
+            self.photos()
+        with part("planning"):
+            self._plan(wanted)
         stages = [self.cameras, self.masks, self.training, self.objects, self.report]
         if later := stages[: len(wanted) - 1]:
             try:
                 for stage in later:
-                    stage()
+                    with part(stage.__name__):
+                        stage()
             finally:
                 # The finished stages inform the next forecast, also when the others were stopped.
                 update_calibration(self._project, self._runner.computed, *self._planned)
@@ -188,7 +192,8 @@ class _Run:
         self._may_start_masks = forecast.masks_beside and makes_masks
 
     def _find_device(self) -> Device:
-        return choose_training_device(self._settings.plan.device)
+        with part("self-test of the card"):
+            return choose_training_device(self._settings.plan.device)
 
     @functools.cached_property
     def _device(self) -> Device:

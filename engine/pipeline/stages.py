@@ -17,6 +17,7 @@ from ..cameras.settings import CameraSettings
 from ..core.errors import EnvironmentProblem, FormatError, ProjectError
 from ..core.events import Progress, Warned
 from ..core.files import delete_derived, file_sha256, record_of, write_json
+from ..core.parts import part
 from ..core.settings import to_dict
 from ..masks import MasksBeside
 from ..masks.settings import MaskSettings
@@ -28,7 +29,7 @@ from ..scene import CameraSet, PhotoSet
 from ..training.settings import TrainingSettings
 from .objects_stage import forget_found_objects, objects_stage
 from .planning import ScenePlan
-from .runner import StageRunner
+from .runner import StageRunner, parts_by_message
 
 __all__ = [
     "STAGES",
@@ -177,9 +178,10 @@ def cameras_stage(
                     delete_derived(folder, old.name)
             if masks_beside is not None:
                 masks_beside.start()
-            camera_set = estimate_cameras(
-                photo_set, work_folder, settings, emit=runner.emit, should_stop=runner.should_stop
-            )
+            with parts_by_message(runner.emit) as emit:
+                camera_set = estimate_cameras(
+                    photo_set, work_folder, settings, emit=emit, should_stop=runner.should_stop
+                )
         runner.before_replacing_outputs("cameras")
         write_camera_set(folder, camera_set)
         # Not those of before: COLMAP's poses depend on the number of threads. A scene fits only the cameras that it
@@ -241,7 +243,8 @@ def masks_stage(
         from ..masks import SegmentAnything, card_encodes, load_sam, make_masks, sam_threads
 
         start = time.perf_counter()
-        made_before = beside.end() if beside is not None else None
+        with part("made beside the cameras"):
+            made_before = beside.end() if beside is not None else None
         if made_before is not None and made_before.problem:
             runner.emit(Warned(f"Not all photos were segmented beside the cameras: {made_before.problem}"))
 
@@ -249,10 +252,12 @@ def masks_stage(
             may_use_gpu = True
             if gpu_provider_is_installed():
                 # First in a process of its own: a driver that crashes would end the run.
-                may_use_gpu, sentence = card_encodes()
+                with part("self-test of the card"):
+                    may_use_gpu, sentence = card_encodes()
                 if not may_use_gpu:
                     runner.emit(Warned(sentence))
-            return load_sam(settings.model, threads=sam_threads(settings), may_use_gpu=may_use_gpu)
+            with part("loading models"):
+                return load_sam(settings.model, threads=sam_threads(settings), may_use_gpu=may_use_gpu)
 
         # Label maps are replaced one by one.
         runner.before_replacing_outputs("masks")
@@ -347,15 +352,17 @@ def training_stage(
 
         checkpoints = runner.project.path / "checkpoints"
         delete_old_runs(checkpoints, keep=key[:12])
-        views = load_views(
-            given.photo_set.folder,
-            given.camera_set,
-            given.label_maps,
-            settings,
-            photo_masks=given.photo_set.mask_files,
-            should_stop=runner.should_stop,
-        )
-        start = start_gaussians(given.camera_set, views, settings, emit=runner.emit)
+        with part("reading photos"):
+            views = load_views(
+                given.photo_set.folder,
+                given.camera_set,
+                given.label_maps,
+                settings,
+                photo_masks=given.photo_set.mask_files,
+                should_stop=runner.should_stop,
+            )
+        with part("first Gaussians"):
+            start = start_gaussians(given.camera_set, views, settings, emit=runner.emit)
         device = find_device()
         words = device_words(device.name, device.reason)
         runner.emit(Progress("training", 0.0, message=f"training on {words}"))
@@ -371,7 +378,8 @@ def training_stage(
             )
         except EnvironmentProblem as problem:
             raise training_stopped(device, problem) from problem
-        save_gaussians(folder, result.gaussians, before_replacing=before_replacing)
+        with part("writing"):
+            save_gaussians(folder, result.gaussians, before_replacing=before_replacing)
         return {
             **result.figures,
             "preset": preset,

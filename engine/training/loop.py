@@ -12,6 +12,7 @@ import torch
 
 from ..core.errors import Cancelled, DiskError
 from ..core.events import Emit, Metric, Preview, Progress, StopCheck, Warned
+from ..core.parts import part
 from ..install.models import one_thread
 from ..scene import Gaussians
 from .adam import AdamState
@@ -116,10 +117,12 @@ def train(
         # Not in the first step, because the clock of the error curve must not include work done once per computer.
         if settings.backend == "cpu":
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
-            compile_kernels()
+            with part("compilation"):
+                compile_kernels()
         elif settings.backend == "gpu":
             emit(Progress(STAGE, 0.0, message="testing the graphics card"))
-        run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop, background)
+        with part("preparing the steps"):
+            run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop, background)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
             run.emit_curve(run.state.curve)
@@ -127,10 +130,12 @@ def train(
             if should_stop():
                 run.write_checkpoint()
                 raise Cancelled(CANCELLED_MESSAGE)
-            run.advance()
+            with part("steps"):
+                run.advance()
             run.report()
-        run.check()
-        return run.result()
+        with part("measurements"):
+            run.check()
+            return run.result()
 
 
 class _TrainingRun:
@@ -312,12 +317,15 @@ class _TrainingRun:
         state, now = self.state, time.monotonic()
         finished = self.finished
         if state.step in self.schedule.curve_steps or finished:
-            self._measure()
+            with part("measurements"):
+                self._measure()
         if now - self._previewed >= self.settings.measurement.preview_seconds or finished:
             self._previewed = now
-            self._preview()
+            with part("previews"):
+                self._preview()
         if self._checkpoint_is_due(now) or finished:
-            self.write_checkpoint()
+            with part("writing"):
+                self.write_checkpoint()
         self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}", finished=finished)
 
     def _checkpoint_is_due(self, now: float) -> bool:
