@@ -21,6 +21,7 @@ from ..photos.settings import PhotoSettings, VideoSettings
 from ..project.folder import ProjectFolder
 from ..rasterizer import Device, choose_training_device
 from ..scene import PhotoSet
+from .first_picture import MIN_PHOTOS, FirstPicture
 from .planning import (
     PlanSettings,
     WorkPlan,
@@ -68,6 +69,8 @@ class PipelineSettings:
         Make such masks, which leave out the background, with Segment Anything.
     prompts : tuple of str
         Objects to isolate at the end, as text.
+    is_followed : bool
+        Whether someone sees the previews of the run, who gets a first picture while the cameras are estimated.
     """
 
     photos: PhotoSettings = field(default_factory=PhotoSettings)
@@ -79,6 +82,7 @@ class PipelineSettings:
     photo_masks: Path | None = None
     mask_background: bool = False
     prompts: tuple[str, ...] = ()
+    is_followed: bool = False
 
 
 def reconstruct(
@@ -190,10 +194,10 @@ class _Run:
         # Masks of an earlier run are kept until the masks stage replaces them.
         makes_masks = "masks" in wanted and self._runner.key_of("masks") is None
         self._may_start_masks = forecast.masks_beside and makes_masks
+        self._may_start_picture = settings.is_followed and forecast.picture_beside and "training" in wanted
 
     def _find_device(self) -> Device:
-        with part("self-test of the card"):
-            return choose_training_device(self._settings.plan.device)
+        return choose_training_device(self._settings.plan.device)
 
     @functools.cached_property
     def _device(self) -> Device:
@@ -204,14 +208,19 @@ class _Run:
     def cameras(self) -> None:
         """Estimate or read the cameras, and name the photos that get masks."""
         work = self._planned.work
-        self._beside = None
+        self._beside: MasksBeside | None = None
+        self._first_picture: FirstPicture | None = None
         if self._may_start_masks:
             self._beside = self._running.enter_context(
                 _masks_beside(self._project, self._photo_set, work, self._settings)
             )
+        if self._may_start_picture and len(self._photo_set.photos) >= MIN_PHOTOS:
+            picture = FirstPicture(self._project.path, self._photo_set, self._runner.emit)
+            self._first_picture = self._running.enter_context(picture)
+            self._runner = replace(self._runner, should_stop=picture.watched_by(self._runner.should_stop))
         self._camera_set = cameras_stage(
             self._runner, self._photo_set, self._settings.cameras, camera_model=self._settings.camera_model,
-            masks_beside=self._beside,
+            beside=[one for one in (self._first_picture, self._beside) if one is not None],
         )  # fmt: skip
         self._scene_plan = plan_scene(work, self._camera_set)
         self._project.put("plan", asdict(self._scene_plan))
@@ -224,6 +233,8 @@ class _Run:
 
     def training(self) -> None:
         """Train the Gaussians."""
+        if self._first_picture is not None:
+            self._first_picture.end()
         work, cameras_key = self._planned.work, self._runner.key_of("cameras")
         masks_key = self._runner.key_of("masks") if self._label_maps else cameras_key
         given = TrainingInput(self._photo_set, self._camera_set, self._label_maps, cameras_key, masks_key)

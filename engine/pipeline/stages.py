@@ -8,7 +8,7 @@ packages are imported inside the functions, so that a stage that is reused costs
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from ..project.folder import SCENE_OUTPUT, ProjectFolder, stage_key
 from ..rasterizer import PROCESSOR, Device, device_words, run_on, training_stopped
 from ..scene import CameraSet, PhotoSet
 from ..training.settings import TrainingSettings
+from .first_picture import FirstPicture
 from .objects_stage import forget_found_objects, objects_stage
 from .planning import ScenePlan
 from .runner import StageRunner, parts_by_message
@@ -142,7 +143,7 @@ def cameras_stage(
     settings: CameraSettings,
     *,
     camera_model: Path | None,
-    masks_beside: MasksBeside | None = None,
+    beside: Sequence[MasksBeside | FirstPicture] = (),
 ) -> CameraSet:
     """Estimate the cameras of the photos, or read them from `camera_model`. If they change, training is no longer done.
 
@@ -153,8 +154,8 @@ def cameras_stage(
     settings : CameraSettings
     camera_model : Path or None
         Cameras of another program to read instead of estimating, see `engine.cameras.read_cameras`.
-    masks_beside : MasksBeside or None
-        Started when cameras are estimated.
+    beside : sequence of MasksBeside or FirstPicture
+        What is started when cameras are estimated.
     """
     from ..scene import read_camera_set, write_camera_set
 
@@ -176,8 +177,8 @@ def cameras_stage(
             for old in folder.glob("sfm-*"):
                 if old != work_folder:
                     delete_derived(folder, old.name)
-            if masks_beside is not None:
-                masks_beside.start()
+            for other in beside:
+                other.start()
             with parts_by_message(runner.emit) as emit:
                 camera_set = estimate_cameras(
                     photo_set, work_folder, settings, emit=emit, should_stop=runner.should_stop

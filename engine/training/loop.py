@@ -26,7 +26,7 @@ from .parameters import Parameters
 from .quality import measure_levels
 from .result import TrainingResult, make_result
 from .schedule import Schedule
-from .settings import TEST_PHOTOS, TrainingSettings
+from .settings import PREVIEW_FILE, TEST_PHOTOS, TrainingSettings
 from .spectrum import coarse_shares
 from .start import StartPoints
 from .steps import Inputs, Steps
@@ -34,14 +34,14 @@ from .transients import find_transients
 from .trials import Trial, brightness_factors, exposure_corrected_quality
 from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
 
-__all__ = ["PREVIEW_FILE", "train"]
+__all__ = ["train"]
 
 STAGE = "training"
 
-PREVIEW_FILE = "preview.png"
-"""Name of the preview picture in the folder of the checkpoints."""
-
 CANCELLED_MESSAGE = "Training was cancelled; the next run continues from where it stopped."
+
+FIRST_PREVIEW_SECONDS = 2.0
+"""Time of the first preview after the start."""
 
 EVENT_INTERVAL = 1.0
 """Shortest time between two progress events, seconds."""
@@ -185,7 +185,10 @@ class _TrainingRun:
         self._loss = float("nan")
         self._steps_at_once = 1
         self._warned_of_preview = False
-        self._reported = self._previewed = self._stored = time.monotonic()
+        self._reported = self._stored = time.monotonic()
+        # The first preview after some steps, not only after the time between two.
+        interval = settings.measurement.preview_seconds
+        self._previewed = self._reported + min(FIRST_PREVIEW_SECONDS, interval) - interval
         if not held_out:
             emit(Warned("There are too few photos for test photos; errors are measured on the training photos."))
 

@@ -125,6 +125,8 @@ _GAUSSIAN_FEATURE_BYTES = 256
 """Training: additional bytes per Gaussian for blending its segmentation features."""
 _DRIVER_BYTES = 300_000_000
 """Training on a graphics card: memory of its driver in this process."""
+_FIRST_PICTURE_BYTES = 1_000_000_000  # chosen on museum_room
+"""Memory of the process that makes a first picture while the cameras are estimated."""
 _VIEW_GAUSSIAN_BYTES = 130
 """Objects: bytes per Gaussian and photo of the views that are kept."""
 _MAX_VIEW_BYTES = 500_000_000
@@ -177,6 +179,8 @@ class Forecast:
         What training is forecast for, see `Device.name`.
     masks_beside : bool
         Whether masks can be made while the cameras are estimated: there is another core, and memory for both.
+    picture_beside : bool
+        Whether a first picture can be made at the same time: there is memory for it too.
     """
 
     stages: tuple[StageForecast, ...]
@@ -185,6 +189,7 @@ class Forecast:
     n_runs: int
     device: str = "cpu"
     masks_beside: bool = False
+    picture_beside: bool = False
 
     @property
     def seconds(self) -> tuple[float, float, float]:
@@ -410,14 +415,16 @@ def forecast_work(
     stages += ["training"] + (["objects"] if n_prompts else []) + ["report"]
     expected = tuple(_forecast_stage(stage, work, settings, machine, calibration, n_prompts) for stage in stages)
     needed = sum(stage.memory for stage in expected if stage.stage in ("cameras", "masks"))
-    fits = machine.free_bytes is None or needed <= machine.free_bytes
+    free = math.inf if machine.free_bytes is None else machine.free_bytes
+    estimates = machine.cores > 1 and not work.poses_given
     return Forecast(
         expected,
         machine.free_bytes,
         machine.cores,
         calibration.n_runs,
         work.device.name,
-        masks_beside=fits and machine.cores > 1 and work.n_mask_photos > 0 and not work.poses_given,
+        masks_beside=estimates and needed <= free and work.n_mask_photos > 0,
+        picture_beside=estimates and needed + _FIRST_PICTURE_BYTES <= free,
     )
 
 
