@@ -80,12 +80,16 @@ def photos_stage(
     own_masks = runner.project.path / "photos" / "masks"
 
     def compute() -> dict[str, Any]:
-        photo_set = read_photos(folder, settings, masks=photo_masks, emit=runner.emit, should_stop=runner.should_stop)
+        with part("reading photos"):
+            photo_set = read_photos(
+                folder, settings, masks=photo_masks, emit=runner.emit, should_stop=runner.should_stop
+            )
         if stored.exists():
             _require_same_scene(runner.project, folder, photo_set, stored)
         if background_sam is not None:
             photo_set = _with_foreground_masks(runner, photo_set, own_masks, background_sam)
-        statistics = inspect_photos(photo_set, should_stop=runner.should_stop)
+        with part("inspecting photos"):
+            statistics = inspect_photos(photo_set, should_stop=runner.should_stop)
         runner.before_replacing_outputs("photos")
         write_photo_set(stored, photo_set)
         write_json(stored_statistics, [asdict(photo) for photo in statistics])
