@@ -1,7 +1,7 @@
 """The whole path from photos to the report, taken apart: ``make bench-path``, or ``python -m benchmarks.path run``.
 
 ``run`` reconstructs a photo set with objects by the command line, as users do, and stores what the engine tells of its
-time (the event `TimeSpent`) in ``OUT/path.json``. Kernels are compiled and the speed of the machine is measured before,
+time (the event `Finished`) in ``OUT/path.json``. Kernels are compiled and the speed of the machine is measured before,
 as both are done once per computer. ``document`` writes the tables of all given results, of several machines, into the
 part `path` of a document. CPU seconds are those of all processes together.
 
@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.core.engine_process import engine_command, engine_environment, events_in
-from engine.core.events import Preview, TimeSpent
+from engine.core.events import Finished, Preview
 from engine.core.files import write_json
 from engine.core.system import cpu_seconds, describe_machine
 from engine.pipeline.stages import STAGES
@@ -76,7 +76,7 @@ def measure(photos: Path, out: Path, *, prompts: str, preset: str, device: str) 
                     "wall": time.perf_counter() - begin,
                     "cpu": sum(_cpu_of_tree(process.pid)),
                 }
-            if isinstance(event, TimeSpent):
+            if isinstance(event, Finished):
                 parts = event.parts
     if process.returncode:
         raise SystemExit(f"The run failed; see {project / 'log.jsonl'}.")

@@ -6,10 +6,11 @@ import argparse
 import sys
 import traceback
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..core.errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
-from ..core.events import ErrorEvent, TimeSpent
+from ..core.events import ErrorEvent, Event, Finished
 from ..core.parts import measured_parts
 from ..core.system import StopOnSignal, cpu_seconds, end_children_with_this_process, signals_held_back
 from .commands import COMMANDS, load_command
@@ -64,8 +65,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 # thread can take a signal, see `__main__`.
                 with signals_held_back():
                     from ..cameras import undistort  # noqa: F401
-            code: int = options.run(options, output, should_stop)
-            output(TimeSpent(parts.as_json()))
+
+            def emit(event: Event) -> None:
+                output(replace(event, parts=parts.as_json()) if isinstance(event, Finished) else event)
+
+            code: int = options.run(options, emit, should_stop)
         return code
     except HeritageError as error:
         output(ErrorEvent(str(error), type(error).__name__))

@@ -28,7 +28,6 @@ __all__ = [
     "StageFinished",
     "StageStarted",
     "StopCheck",
-    "TimeSpent",
     "Warned",
     "from_json_line",
     "ignore_events",
@@ -117,27 +116,23 @@ class ErrorEvent(Event):
 
 @dataclass(frozen=True)
 class Finished(Event):
-    """The command succeeded. ``outputs`` maps names to paths and values."""
+    """The command succeeded.
+
+    ``outputs`` maps names to paths and values, ``parts`` the parts of the command, such as ``training/imports``, to
+    wall and CPU seconds; see `engine.core.parts`.
+    """
 
     kind: ClassVar[str] = "finished"
     message: str = ""
     outputs: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class TimeSpent(Event):
-    """The command ended. ``parts``: wall and CPU seconds of each, such as ``training/imports``; see `core.parts`."""
-
-    kind: ClassVar[str] = "time_spent"
-    parts: dict[str, Any]
+    parts: dict[str, Any] = field(default_factory=dict)
 
 
 Emit = Callable[[Event], None]
 StopCheck = Callable[[], bool]
 
 _KINDS: dict[str, type[Event]] = {
-    cls.kind: cls
-    for cls in (StageStarted, StageFinished, Progress, Metric, Preview, Warned, ErrorEvent, Finished, TimeSpent)
+    cls.kind: cls for cls in (StageStarted, StageFinished, Progress, Metric, Preview, Warned, ErrorEvent, Finished)
 }
 
 _SCHEMAS_OF_TYPES: dict[str, Schema] = {
