@@ -15,7 +15,6 @@ import numpy as np
 from ..core.arrays import Float32, Mask
 from ..core.errors import FormatError, ObjectError, PromptError
 from ..core.events import Emit, StopCheck, Warned
-from ..core.parts import part
 from ..core.settings import to_dict
 from ..pictures import encode_png
 from ..project.folder import ProjectFolder
@@ -146,8 +145,7 @@ class Segmenter:
             asked["detector"] = context.detector.name
         if again:
             found = [replace(one, id=known) for one, known in zip(found, again, strict=False) if known is not None]
-        with part("storing"):
-            return self._store(context.part(1, 2), found, asked, name, started)
+        return self._store(context.part(1, 2), found, asked, name, started)
 
     def segment_texts(
         self, texts: Sequence[str], name: str | None, camera: Camera | PinholeCamera | None = None
