@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from ..cameras.settings import CameraModel, CameraSettings
 from ..core.child_process import ChildBeside, child_beside
 from ..core.errors import HeritageError
 from ..core.events import Emit, Preview, StopCheck, ignore_events, never_stop
@@ -33,11 +34,11 @@ MIN_PHOTOS = 32
 """Smallest number of photos of a scene that gets such a picture. The cameras of fewer are soon known."""
 _PHOTOS = 16  # chosen on museum_room
 """Number of photos that it is made of."""
-_CAMERAS = {"max_side": 640, "max_features": 1200, "first_octave": 0, "threads": 1}  # chosen on museum_room
-_TRAINING = {
-    "steps": 300, "max_side": 320, "max_gaussians": 8_000, "sh_degree": 0, "exposure": False, "train_features": False,
-    "curve_points": 2, "preview_seconds": 3.0, "held_out_every": 0, "coarse_levels": 1,
-}  # fmt: skip  # chosen on museum_room
+_CAMERAS = CameraSettings(max_side=640, max_features=1200, first_octave=0, threads=1)  # chosen on museum_room
+_TRAINING = PRESETS["preview"].changed(
+    steps=300, max_side=320, max_gaussians=8_000, sh_degree=0, exposure=False, train_features=False,
+    curve_points=2, preview_seconds=3.0, held_out_every=0, coarse_levels=1,
+)  # fmt: skip  # chosen on museum_room
 
 
 class FirstPicture:
@@ -48,11 +49,13 @@ class FirstPicture:
     project : Path
     photo_set : PhotoSet
         As the project stores it.
+    lens : str
+        Lens model, see `CameraSettings.model`.
     emit : Emit
         Receives a `Preview` for each state of the picture.
     """
 
-    def __init__(self, project: Path, photo_set: PhotoSet, emit: Emit) -> None:
+    def __init__(self, project: Path, photo_set: PhotoSet, lens: CameraModel, emit: Emit) -> None:
         self._project, self._emit = project, emit
         names = sorted(photo.name for photo in photo_set.photos)
         self._arguments = {
@@ -60,6 +63,7 @@ class FirstPicture:
             "photo_folder": str(photo_set.folder),
             "names": [names[round(k * (len(names) - 1) / (_PHOTOS - 1))] for k in range(_PHOTOS)],
             "folder": str(project / FOLDER),
+            "lens": lens,
         }
         self._context = contextlib.ExitStack()
         self._child: ChildBeside | None = None
@@ -111,7 +115,9 @@ class FirstPicture:
                 _LOG.info("There was no first picture of the scene: %s", error)
 
 
-def make_first_picture(photos_file: str, photo_folder: str, names: list[str], folder: str) -> dict[str, Any]:
+def make_first_picture(
+    photos_file: str, photo_folder: str, names: list[str], folder: str, lens: CameraModel
+) -> dict[str, Any]:
     """Write the picture into `folder`, at first after some steps, and return the number of cameras, `n_cameras`.
 
     Parameters
@@ -123,6 +129,8 @@ def make_first_picture(photos_file: str, photo_folder: str, names: list[str], fo
         Photos to use.
     folder : str
         For the picture and what is needed for it.
+    lens : str
+        Lens model.
 
     Raises
     ------
@@ -130,17 +138,15 @@ def make_first_picture(photos_file: str, photo_folder: str, names: list[str], fo
         As `estimate_cameras` and `train`.
     """
     from ..cameras import estimate_cameras
-    from ..cameras.settings import CameraSettings
     from ..scene import read_photo_set
     from ..training import background_gaussians, load_views, start_gaussians, train
 
     photo_set = replace(read_photo_set(Path(photos_file)), folder=Path(photo_folder))
     chosen = replace(photo_set, photos=tuple(photo for photo in photo_set.photos if photo.name in names))
-    cameras = estimate_cameras(chosen, Path(folder) / "sfm", CameraSettings(**_CAMERAS))
-    settings = PRESETS["preview"].changed(**_TRAINING)
-    views = load_views(chosen.folder, cameras, {}, settings, photo_masks=chosen.mask_files)
+    cameras = estimate_cameras(chosen, Path(folder) / "sfm", replace(_CAMERAS, model=lens))
+    views = load_views(chosen.folder, cameras, {}, _TRAINING, photo_masks=chosen.mask_files)
     train(
-        start_gaussians(cameras, views, settings, emit=ignore_events), views, settings, checkpoints=Path(folder),
-        emit=ignore_events, should_stop=never_stop, background=background_gaussians(cameras.points, views, settings),
+        start_gaussians(cameras, views, _TRAINING, emit=ignore_events), views, _TRAINING, checkpoints=Path(folder),
+        emit=ignore_events, should_stop=never_stop, background=background_gaussians(cameras.points, views, _TRAINING),
     )  # fmt: skip
     return {"n_cameras": len(cameras.cameras)}

@@ -215,7 +215,8 @@ class _Run:
                 _masks_beside(self._project, self._photo_set, work, self._settings)
             )
         if self._may_start_picture and len(self._photo_set.photos) >= MIN_PHOTOS:
-            picture = FirstPicture(self._project.path, self._photo_set, self._runner.emit)
+            lens, emit = self._settings.cameras.model, self._runner.emit
+            picture = FirstPicture(self._project.path, self._photo_set, lens, emit)
             self._first_picture = self._running.enter_context(picture)
             self._runner = replace(self._runner, should_stop=picture.watched_by(self._runner.should_stop))
         self._camera_set = cameras_stage(

@@ -50,7 +50,7 @@ def child(monkeypatch: pytest.MonkeyPatch) -> Child:
 
 def test_followers_see_each_state_of_the_picture_once_and_no_file_of_it_stays(child: Child, tmp_path: Path) -> None:
     seen: list[Event] = []
-    with FirstPicture(tmp_path, PHOTOS, seen.append) as picture:
+    with FirstPicture(tmp_path, PHOTOS, "OPENCV", seen.append) as picture:
         should_stop = picture.watched_by(never_stop)
         picture.start()
         assert not should_stop() and seen == []
@@ -70,10 +70,11 @@ def test_followers_see_each_state_of_the_picture_once_and_no_file_of_it_stays(ch
     assert list(tmp_path.iterdir()) == []
 
 
-def test_picture_is_made_of_photos_from_all_around(child: Child, tmp_path: Path) -> None:
-    with FirstPicture(tmp_path, PHOTOS, [].append) as picture:
+def test_picture_is_made_of_photos_from_all_around_with_the_lens_of_the_run(child: Child, tmp_path: Path) -> None:
+    with FirstPicture(tmp_path, PHOTOS, "OPENCV", [].append) as picture:
         picture.start()
     names = child.given["names"]
+    assert child.given["lens"] == "OPENCV"
     assert len(set(names)) == len(names) == MIN_PHOTOS // 2
     assert names[0] == "000.jpg" and names[-1] == f"{MIN_PHOTOS - 1:03}.jpg"
     assert max(int(b[:3]) - int(a[:3]) for a, b in zip(names, names[1:], strict=False)) <= 3
@@ -81,14 +82,14 @@ def test_picture_is_made_of_photos_from_all_around(child: Child, tmp_path: Path)
 
 def test_photos_that_do_not_fit_together_do_not_end_the_run(child: Child, tmp_path: Path) -> None:
     child.error = CameraError("Only 2 of 16 photos could be placed.")
-    with FirstPicture(tmp_path, PHOTOS, [].append) as picture:
+    with FirstPicture(tmp_path, PHOTOS, "OPENCV", [].append) as picture:
         picture.start()
         picture.end()
     assert child.is_over
 
 
 def test_cancelled_run_leaves_no_process(child: Child, tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), FirstPicture(tmp_path, PHOTOS, [].append) as picture:
+    with pytest.raises(KeyboardInterrupt), FirstPicture(tmp_path, PHOTOS, "OPENCV", [].append) as picture:
         picture.start()
         raise KeyboardInterrupt
     assert child.is_over
