@@ -23,8 +23,8 @@ from ..rasterizer import Device, choose_training_device
 from ..scene import PhotoSet
 from .first_picture import MIN_PHOTOS, FirstPicture
 from .planning import (
+    PlannedWork,
     PlanSettings,
-    WorkPlan,
     choose_photos,
     kept_sizes,
     plan_and_forecast,
@@ -193,7 +193,7 @@ class _Run:
         store_forecast(project, work, forecast)
         # Masks of an earlier run are kept until the masks stage replaces them.
         makes_masks = "masks" in wanted and self._runner.key_of("masks") is None
-        self._may_start_masks = forecast.masks_beside and makes_masks
+        self._may_start_masks = forecast.masks_beside > 0 and makes_masks
         self._may_start_picture = settings.is_followed and forecast.picture_beside and "training" in wanted
 
     def _find_device(self) -> Device:
@@ -212,7 +212,7 @@ class _Run:
         self._first_picture: FirstPicture | None = None
         if self._may_start_masks:
             self._beside = self._running.enter_context(
-                _masks_beside(self._project, self._photo_set, work, self._settings)
+                _masks_beside(self._project, self._photo_set, self._planned, self._settings)
             )
         if self._may_start_picture and len(self._photo_set.photos) >= MIN_PHOTOS:
             lens, emit = self._settings.cameras.model, self._runner.emit
@@ -272,14 +272,15 @@ def _input_of(photos: Path, settings: PipelineSettings) -> ReconstructionInput:
 
 
 def _masks_beside(
-    project: ProjectFolder, photo_set: PhotoSet, work: WorkPlan, settings: PipelineSettings
+    project: ProjectFolder, photo_set: PhotoSet, planned: PlannedWork, settings: PipelineSettings
 ) -> MasksBeside:
     """Return what makes masks of the photos that the plan will name if all of them get a camera."""
     names = sorted(photo.name for photo in photo_set.photos)
     return MasksBeside(
         project.path / "photos" / "photos.json",
         photo_set.folder,
-        choose_photos(work, names)[1],
+        choose_photos(planned.work, names)[1],
         project.path / "masks",
         settings.masks,
+        n_processes=planned.forecast.masks_beside,
     )

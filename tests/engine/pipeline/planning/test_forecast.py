@@ -96,6 +96,9 @@ def test_masks_beside_the_cameras_shorten_the_whole_where_there_is_a_core_and_me
     assert not forecast(plan, known, free=cameras.memory + masks.memory - 1).masks_beside
     assert not forecast(work(32, PlanSettings(wants_objects=False)), known).masks_beside
     assert not forecast(kept, known).masks_beside
+    assert (two.masks_beside, many.masks_beside) == (1, 4)
+    memory = replace(MACHINE, cores=16, free_bytes=cameras.memory + int(2.5 * masks.memory))
+    assert 1 <= forecast_work(plan, training_settings(plan), memory, known).masks_beside < 4
 
 
 def test_first_picture_is_made_where_there_is_a_core_and_memory_beside_cameras_and_masks(known: Calibration) -> None:
