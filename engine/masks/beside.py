@@ -1,8 +1,8 @@
 """Label maps that processes of their own make while the cameras are estimated.
 
-A label map depends on its photo only, and COLMAP places the photos on one core. The children divide the photos that will
-need label maps if all are placed; the masks stage then makes those that are missing. A child that is killed loses one
-photo's work.
+A label map depends on its photo only, and COLMAP places the photos on one core. The children divide the photos that
+will need label maps if all are placed; the masks stage then makes those that are missing. A child that is killed loses
+one photo's work.
 """
 
 from __future__ import annotations
