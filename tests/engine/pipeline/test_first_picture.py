@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from engine.core.errors import CameraError
-from engine.core.events import Event, Preview, never_stop
+from engine.core.errors import CameraError, Cancelled
+from engine.core.events import Event, Preview, ignore_events, never_stop
 from engine.core.parts import measured_parts
-from engine.pipeline import first_picture
+from engine.photos import PhotoStatistics
+from engine.pipeline import first_picture, reconstruct
 from engine.pipeline.first_picture import MIN_PHOTOS, FirstPicture
+from engine.pipeline.planning import PlannedWork, PlanSettings
+from engine.pipeline.reconstruct import PipelineSettings
 from engine.pipeline.runner import parts_by_message
 from engine.scene import Photo, PhotoSet
 from engine.training.settings import PREVIEW_FILE
@@ -102,3 +106,39 @@ def test_time_of_a_stage_is_told_by_what_its_progress_says() -> None:
         for message in ("features in 1 of 48 photos", "features in 2 of 48 photos", "", "12 of 908 pairs matched"):
             emit(Progress("cameras", 0.5, message=message))
     assert set(account.as_json()) == {"", "features in photos", "pairs matched"}
+
+
+@pytest.mark.parametrize(
+    ("is_followed", "count", "until", "is_made"),
+    [
+        (True, MIN_PHOTOS, "report", True),
+        (False, MIN_PHOTOS, "report", False),
+        (True, MIN_PHOTOS - 1, "report", False),
+        (True, MIN_PHOTOS, "masks", False),
+    ],
+    ids=["followed", "nobody sees it", "few photos", "no training"],
+)
+def test_picture_is_made_for_those_who_follow_a_run_of_many_photos_to_its_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, is_followed: bool, count: int, until: str, is_made: bool
+) -> None:
+    photos = replace(PHOTOS, photos=PHOTOS.photos[:count])
+    looks = [PhotoStatistics(photo.name, 0.5) for photo in photos.photos]
+    plan_and_forecast, begun = reconstruct.plan_and_forecast, list[object]()
+
+    def planned(*given: Any, **named: Any) -> PlannedWork:
+        found = plan_and_forecast(*given, **named)
+        return found._replace(forecast=replace(found.forecast, masks_beside=0, picture_beside=True))
+
+    def cameras_stage(*_: object, beside: list[object], **__: object) -> None:
+        begun.extend(beside)
+        raise Cancelled("Stopped.")
+
+    monkeypatch.setattr(reconstruct, "photos_stage", lambda *_, **__: (photos, looks))
+    monkeypatch.setattr(reconstruct, "plan_and_forecast", planned)
+    monkeypatch.setattr(reconstruct, "cameras_stage", cameras_stage)
+    settings = PipelineSettings(plan=PlanSettings(preset="test", device="cpu"), is_followed=is_followed)
+    with pytest.raises(Cancelled):
+        reconstruct.reconstruct(
+            tmp_path / "photos", tmp_path / "scene", settings, emit=ignore_events, should_stop=never_stop, until=until
+        )
+    assert [type(one) for one in begun] == [FirstPicture] * is_made
