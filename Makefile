@@ -17,11 +17,12 @@ FUZZ_S ?= 600
 DRAW ?=
 SETS ?=
 SYSTEM ?=
+RUNS ?=
 PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help bench-scale bench-meshes batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms real-sets tables lock zip clean
+.PHONY: help bench-scale bench-meshes batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms real-sets tables lock zip clean bench-path
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -102,6 +103,10 @@ bench-scale: setup ## cameras of 25 to 300 photos of a generated building and of
 
 bench-meshes: setup ## meshes of the exhibits of generated rooms beside true ones, into docs/meshes.md; ROOMS="out/rooms/room_1 ..."; a minute an object
 	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md
+
+bench-path: setup ## the path from photos to the report taken apart, into docs/run_time.md; RUNS="FILE.json ..." of other machines; 10 minutes of two free cores
+	$(ENGINE) -m benchmarks.path run --out out/path
+	$(ENGINE) -m benchmarks.path document out/path/path.json $(RUNS) --doc docs/run_time.md
 
 readers-test: setup ## exported files in other programs and viewers; needs npm, Chromium and the project of `make demo`; 5 minutes
 	$(ENGINE) -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md --pictures docs/pictures/formats

@@ -116,11 +116,16 @@ class ErrorEvent(Event):
 
 @dataclass(frozen=True)
 class Finished(Event):
-    """The command succeeded. ``outputs`` maps names to paths and values."""
+    """The command succeeded.
+
+    ``outputs`` maps names to paths and values, ``parts`` the parts of the command, such as ``training/imports``, to
+    wall and CPU seconds; see `engine.core.parts`.
+    """
 
     kind: ClassVar[str] = "finished"
     message: str = ""
     outputs: dict[str, Any] = field(default_factory=dict)
+    parts: dict[str, Any] = field(default_factory=dict)
 
 
 Emit = Callable[[Event], None]

@@ -19,6 +19,7 @@ from scipy.special import expit, logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
+from ..core.parts import part
 from ..masks import box_ious, mask_box
 from ..project.folder import stage_key
 from .context import SegmentationContext
@@ -254,9 +255,11 @@ def build_looks(context: SegmentationContext) -> Looks:
     Cancelled
         When the user stops.
     """
-    sets = find_proposals(context.part(0, 2))
+    with part("proposals"):
+        sets = find_proposals(context.part(0, 2))
     context = context.part(1, 2)
-    seen = _described(context, sets.members, sets.shown, np.unique(sets.like))
+    with part("describing proposals"):
+        seen = _described(context, sets.members, sets.shown, np.unique(sets.like))
     odds = sets.odds
     if seen.rows.size:
         _, whole = _count_and_mean(seen.number, context.detector.whole_odds(seen.rows), sets.like)

@@ -10,6 +10,7 @@ from scipy.special import expit
 
 from ..core.arrays import Float64, Mask
 from ..core.errors import PromptError
+from ..core.parts import part
 from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
 from .choosing import answers_of, offers_of
@@ -148,7 +149,8 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
     if len(taught):
         scores = looks.scores_of_examples(taught, others, context.detector, text if check.known else "")
     else:
-        scores = looks.scores(text, context)
+        with part("comparing with the word"):
+            scores = looks.scores(text, context)
     if not scores.any():
         raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
     answers, found = answers_of(looks, scores, context.settings), []
@@ -170,7 +172,8 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
                 list(dict.fromkeys(fitting)),
             )
     for done, (number, score) in enumerate(answers, start=1):
-        found.append(isolate_object(context, [looks.evidence(number, score, context)]))
+        with part("isolating"):
+            found.append(isolate_object(context, [looks.evidence(number, score, context)]))
         context.tell(done / len(answers), "Isolating")
     return found
 

@@ -24,6 +24,7 @@ __all__ = [
     "OFFERED_PRESETS",
     "PAPER_PIXELS",
     "PRESETS",
+    "PREVIEW_FILE",
     "PRESET_LIST",
     "TEST_PHOTOS",
     "AppearanceSettings",
@@ -46,6 +47,9 @@ MAX_GROW_FACTOR = 2.0
 
 LAMBDA_DSSIM = 0.2
 """Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
+
+PREVIEW_FILE = "preview.png"
+"""Name of the preview picture in the folder of the checkpoints."""
 
 TEST_PHOTOS = "test photos"
 """What a training's record calls the photos that a scene is measured on, where it was not trained on them."""

@@ -19,7 +19,7 @@ __all__ = ["Bundle", "Files", "mirror", "pack", "pack_photos", "unpack"]
 Files = dict[str, tuple[int, bytes]]
 """Name relative to the folder, with slashes: time of change in nanoseconds, and content."""
 
-_STAY = ("lock", "checkpoints", "log.jsonl")
+_STAY = ("lock", "checkpoints", "first_picture", "log.jsonl")
 """Files of a project that are not sent."""
 _ADVICE = "Run the batch again."
 
