@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from engine.meshing.drawing import draw_triangles
@@ -10,8 +12,8 @@ from engine.scene import Mesh, PinholeCamera
 __all__ = ["draw_mesh"]
 
 
-def draw_mesh(mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
-    """Return the colours of a mesh before black, [h, w, 3], float32, sRGB from 0 to 1."""
+def draw_mesh(mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Return the colours of a mesh before a background, [h, w, 3], float32, sRGB from 0 to 1."""
     vertices = mesh.vertices.astype(np.float64)
     _, faces, weights = draw_triangles(camera, vertices, mesh.faces)
     z = np.maximum(vertices @ camera.viewmat[2, :3] + camera.viewmat[2, 3], 1e-6)
@@ -23,6 +25,6 @@ def draw_mesh(mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
     side = mesh.texture.shape[0]
     columns = np.clip((uv[:, 0] * side).astype(int), 0, side - 1)
     rows = np.clip(((1 - uv[:, 1]) * side).astype(int), 0, side - 1)
-    picture = np.zeros((*faces.shape, 3), np.float32)
+    picture = np.full((*faces.shape, 3), background, np.float32)
     picture[shown] = mesh.texture[rows, columns, :3] / np.float32(255)
     return picture
