@@ -15,12 +15,14 @@ PROMPTS ?=
 PRESET ?= standard
 FUZZ_S ?= 600
 DRAW ?=
+SETS ?=
+RUNS ?=
 SYSTEM ?=
 PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-meshes bench-formats readers-test bench-packages bench-serve bench-batch video
+.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
 
 help: ## what can be made
 	@awk 'BEGIN {FS = ":.*## "} /^##@ / {print "\n" substr($$0, 5)} \
@@ -162,6 +164,13 @@ bench-blender: setup ## import, redraw, sliders and pictures in Blender, into do
 
 bench-meshes: setup ## meshes of the exhibits of generated rooms beside true ones, into docs/meshes.md; ROOMS="out/rooms/room_1 ..."; a minute an object
 	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md
+
+bench-path: setup ## the path from photos to the report taken apart, into docs/run_time.md; RUNS="FILE.json ..." of other machines; 10 minutes of two free cores
+	$(ENGINE) -m benchmarks.path run --out out/path
+	$(ENGINE) -m benchmarks.path document out/path/path.json $(RUNS) --doc docs/run_time.md
+
+bench-scale: setup ## cameras of 25 to 300 photos of a generated building and of real sets, into docs/run_time.md; SETS=building_1000 for more; resumable; an hour
+	$(ENGINE) -m benchmarks.scale $(if $(SETS),--sets $(SETS)) --doc docs/run_time.md
 
 bench-formats: setup ## time, size and memory of exported files beside other programs, into docs/formats.md; 5 minutes
 	$(ENGINE) -m benchmarks.formats speed --doc docs/formats.md
