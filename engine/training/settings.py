@@ -127,8 +127,6 @@ class OptimiserSettings:
     lr_end : float
         Factor that all rates but that of the positions reach at the last step; exponential over the second half of the
         steps.
-    largest_step : float
-        Largest change of a value in one step, in its rate, see `adam_step`; a million is no limit.
     """
 
     lr_means: float = 1.6e-3  # chosen on museum_room
@@ -141,7 +139,6 @@ class OptimiserSettings:
     lr_features: float = 0.01  # chosen on museum_room
     lr_exposure: float = 0.002  # chosen on museum_room
     lr_end: float = 0.2  # chosen on museum_room
-    largest_step: float = 1.0  # chosen on banana16, museum_room, room_3, room_6, room_8
 
     def __post_init__(self) -> None:
         require_positive(self, *(rate.name for rate in fields(self)))
@@ -496,7 +493,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
             max_side=980, lr_features=0.0025, feature_init="paper",  # Dahaghin et al. 2024
             feature_gradient="joint", clustering_interval=50, clustering_pixels=0,  # Dahaghin et al. 2024
             regularisation="paper", regularisation_interval=100,  # Dahaghin et al. 2024
-            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, largest_step=1e6, cooldown=0.0,
+            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, cooldown=0.0,
             exposure=False, trial_fraction=0.0, lambda_ray=0.0,
         ),
         offered=False,
