@@ -19,6 +19,7 @@ from .setting_checks import require_at_least, require_choice, require_factor, re
 __all__ = [
     "LAMBDA_DSSIM",
     "DEFAULT_PRESET",
+    "LIGHT_SHARE",
     "MAX_GROW_FACTOR",
     "MIN_PHOTOS_TO_CHOOSE",
     "OFFERED_PRESETS",
@@ -43,6 +44,9 @@ PAPER_PIXELS = 980 * 735  # Dahaghin et al. 2024
 
 MAX_GROW_FACTOR = 2.0
 """Largest factor of a growth: a Gaussian has one copy or other half."""
+
+LIGHT_SHARE = 0.5  # chosen on museum_room, banana16, herz_jesus25, meeting_place9, room_3, room_6, room_8
+"""``kept`` of a light scene: see docs/training.md for what it costs."""
 
 LAMBDA_DSSIM = 0.2
 """Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
