@@ -25,6 +25,7 @@ __all__ = [
     "OFFERED_PRESETS",
     "PAPER_PIXELS",
     "PRESETS",
+    "PREVIEW_FILE",
     "PRESET_LIST",
     "TEST_PHOTOS",
     "AppearanceSettings",
@@ -50,6 +51,9 @@ LIGHT_SHARE = 0.5  # chosen on museum_room, banana16, herz_jesus25, meeting_plac
 
 LAMBDA_DSSIM = 0.2
 """Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
+
+PREVIEW_FILE = "preview.png"
+"""Name of the preview picture in the folder of the checkpoints."""
 
 TEST_PHOTOS = "test photos"
 """What a training's record calls the photos that a scene is measured on, where it was not trained on them."""
