@@ -60,11 +60,10 @@ class CpuSteps:
 
     def _update(self) -> None:
         state = self._state
-        largest = self._inputs.settings.optimiser.largest_step
-        state.parameters.step(self._schedule.learning_rates(state.step), largest=largest)
+        state.parameters.step(self._schedule.learning_rates(state.step))
         if state.exposure.grad is not None:
             exposure, rate = state.exposure.detach(), self._schedule.exposure_rate(state.step)
-            adam_step([(exposure, state.exposure.grad, rate)], [state.exposure_moments], largest=largest)
+            adam_step([(exposure, state.exposure.grad, rate)], [state.exposure_moments])
             # The brightness common to all photos is part of the colours of the Gaussians.
             views = self._schedule.trained_on(state.step)
             exposure[views] -= exposure[views].mean(dim=0)

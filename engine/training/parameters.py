@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,18 +92,15 @@ class Parameters:
             value.requires_grad_(True)
             value.grad = None
 
-    def step(self, learning_rates: dict[str, float], *, largest: float = math.inf) -> None:
-        """Make one Adam step, in place, for each named value that has a gradient; others keep their moments.
-
-        `largest` is that of `adam_step`.
-        """
+    def step(self, learning_rates: dict[str, float]) -> None:
+        """Make one Adam step, in place, for each named value that has a gradient; others keep their moments."""
         names = [name for name in learning_rates if name in self.values and self.values[name].grad is not None]
         with torch.no_grad():
             for name in names:
                 if self.n_background and name != "features":
                     self.values[name].grad[: self.n_background] = 0.0  # type: ignore[index]
             triples = [(self.values[n].detach(), self.values[n].grad, learning_rates[n]) for n in names]
-            adam_step(triples, [self.moments[n] for n in names], largest=largest)  # type: ignore[arg-type]
+            adam_step(triples, [self.moments[n] for n in names])  # type: ignore[arg-type]
 
     def overwrite(self, rows: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
         """Set the named values of `rows` and reset all moments of these rows."""

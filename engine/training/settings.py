@@ -19,6 +19,7 @@ from .setting_checks import require_at_least, require_choice, require_factor, re
 __all__ = [
     "LAMBDA_DSSIM",
     "DEFAULT_PRESET",
+    "LIGHT_SHARE",
     "MAX_GROW_FACTOR",
     "MIN_PHOTOS_TO_CHOOSE",
     "OFFERED_PRESETS",
@@ -44,6 +45,9 @@ PAPER_PIXELS = 980 * 735  # Dahaghin et al. 2024
 
 MAX_GROW_FACTOR = 2.0
 """Largest factor of a growth: a Gaussian has one copy or other half."""
+
+LIGHT_SHARE = 0.5  # chosen on museum_room, banana16, herz_jesus25, meeting_place9, room_3, room_6, room_8
+"""``kept`` of a light scene: see docs/training.md for what it costs."""
 
 LAMBDA_DSSIM = 0.2
 """Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
@@ -131,8 +135,6 @@ class OptimiserSettings:
     lr_end : float
         Factor that all rates but that of the positions reach at the last step; exponential over the second half of the
         steps.
-    largest_step : float
-        Largest change of a value in one step, in its rate, see `adam_step`; a million is no limit.
     """
 
     lr_means: float = 1.6e-3  # chosen on museum_room
@@ -145,7 +147,6 @@ class OptimiserSettings:
     lr_features: float = 0.01  # chosen on museum_room
     lr_exposure: float = 0.002  # chosen on museum_room
     lr_end: float = 0.2  # chosen on museum_room
-    largest_step: float = 1.0  # chosen on banana16, museum_room, room_3, room_6, room_8
 
     def __post_init__(self) -> None:
         require_positive(self, *(rate.name for rate in fields(self)))
@@ -500,7 +501,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
             max_side=980, lr_features=0.0025, feature_init="paper",  # Dahaghin et al. 2024
             feature_gradient="joint", clustering_interval=50, clustering_pixels=0,  # Dahaghin et al. 2024
             regularisation="paper", regularisation_interval=100,  # Dahaghin et al. 2024
-            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, largest_step=1e6, cooldown=0.0,
+            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, cooldown=0.0,
             exposure=False, trial_fraction=0.0, lambda_ray=0.0,
         ),
         offered=False,

@@ -18,15 +18,15 @@ from ...pipeline.planning import (
     require_enough_memory,
     work_plan_as_dict,
 )
-from ...training import read_overrides
 from ...training.settings import OFFERED_PRESETS
 from .scene_options import (
     add_camera_options,
     add_device_option,
     add_no_objects_option,
     add_preset_option,
-    add_set_option,
+    add_setting_options,
     add_size_options,
+    overrides_of,
 )
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_preset_option(parser)
     add_device_option(parser)
     add_size_options(parser)
-    add_set_option(parser)
+    add_setting_options(parser)
     add_no_objects_option(parser)
     add_camera_options(parser)
     parser.add_argument(
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         max_gaussians=options.max_gaussians,
         max_side=options.max_side,
         wants_objects=not options.no_objects,
-        overrides=read_overrides(options.set),
+        overrides=overrides_of(options),
     )
     plans = plan_presets(
         options.photos,

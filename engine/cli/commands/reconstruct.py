@@ -14,7 +14,6 @@ from ...pipeline.reconstruct import PipelineSettings, reconstruct
 from ...pipeline.stages import STAGES
 from ...project.folder import ProjectFolder
 from ...rasterizer import device_words
-from ...training import read_overrides
 from .chosen_models import add_sam_argument
 from .scene_options import (
     add_camera_options,
@@ -22,8 +21,9 @@ from .scene_options import (
     add_no_objects_option,
     add_preset_option,
     add_prompts_option,
-    add_set_option,
+    add_setting_options,
     add_size_options,
+    overrides_of,
     prompts_of,
 )
 
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_preset_option(parser)
     add_device_option(parser)
     add_size_options(parser)
-    add_set_option(parser)
+    add_setting_options(parser)
     add_camera_options(parser)
     parser.add_argument(
         "--mask-background",
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             max_side=options.max_side,
             wants_objects=not options.no_objects,
             exclude_transients=options.transients,
-            overrides=read_overrides(options.set),
+            overrides=overrides_of(options),
         ),
         masks=replace(MASK_PRESETS[options.segments], model=options.sam),
         camera_model=options.cameras,

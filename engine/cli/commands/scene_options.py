@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ...core.errors import SettingsError
 from ...core.words import split_texts
-from ...training.settings import PRESET_LIST
+from ...training.settings import LIGHT_SHARE, PRESET_LIST
 
 if TYPE_CHECKING:
     from ...project.own_words import OwnWords
@@ -20,9 +20,10 @@ __all__ = [
     "add_own_words_option",
     "add_preset_option",
     "add_prompts_option",
-    "add_set_option",
+    "add_setting_options",
     "add_size_options",
     "describe_presets",
+    "overrides_of",
     "own_words_of",
     "prompts_of",
 ]
@@ -88,8 +89,14 @@ def add_size_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_set_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--set``, which `read_overrides` reads."""
+def add_setting_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--light`` and ``--set``, which `overrides_of` reads."""
+    parser.add_argument(
+        "--light",
+        action="store_true",
+        help="end with half of the preset's Gaussians, those that the photos need most, for smaller files and faster "
+        "views; objects can lose parts where there are few Gaussians",
+    )
     parser.add_argument(
         "--set",
         action="append",
@@ -97,6 +104,16 @@ def add_set_option(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=VALUE",
         help="one setting of training in place of the preset's, for an experiment, such as lr_means=1e-3; repeatable",
     )
+
+
+def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings of training that ``--light`` and ``--set`` give; errors as of `read_overrides`."""
+    from ...training import read_overrides
+
+    given = read_overrides(options.set)
+    if options.light and "kept" in given:
+        raise SettingsError("--light and --set both give `kept`. Give only one of them.")
+    return {**given, "kept": LIGHT_SHARE} if options.light else given
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:

@@ -271,6 +271,7 @@ def training_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
         seconds += times * step_cost * (_GROWTH_FACTOR if growing else 1.0)
         if schedule.grows(step):
             n = schedule.gaussians_after_growth(step, n)
+        n = min(n, schedule.thinnings.get(step + 1, n))
         n_measured = n_evaluated * (step + 1 in schedule.curve_steps)
         n_measured += len(schedule.validation) * 2 * (step in schedule.trials)
         if n_measured:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -51,7 +52,12 @@ def drifts(gradient: Gradient, rate: float) -> Callable[[Bounds], Finding]:
         largest = np.abs(exact)
         for step in range(1, STEPS + 1):
             current = ours.numpy().astype(np.float64)
-            adam_step([(ours, torch.tensor(gradient(current, step).astype(np.float32)), rate)], [state], threads=1)
+            adam_step(
+                [(ours, torch.tensor(gradient(current, step).astype(np.float32)), rate)],
+                [state],
+                largest=math.inf,
+                threads=1,
+            )
             g = gradient(exact, step)
             # Kingma & Ba 2015, algorithm 1, with the defaults of `adam_step`
             mean = 0.9 * mean + 0.1 * g

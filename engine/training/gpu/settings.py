@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from ...core.settings import require
@@ -57,10 +56,8 @@ class StepSettings:
         Weight of the mean scale in world units.
     limits : StepLimits, optional
         Applied after each step. Without them, quats are not normalised either.
-    beta1, beta2, eps : float
+    beta1, beta2, eps, largest : float
         See `engine.training.adam_step`.
-    largest_step : float
-        Its `largest`.
     unit_features : bool
         Whether features are divided by their length before they are blended.
     detached_features : bool
@@ -75,7 +72,7 @@ class StepSettings:
     beta1: float = 0.9
     beta2: float = 0.999
     eps: float = 1e-15
-    largest_step: float = math.inf
+    largest: float = 1.0
     unit_features: bool = False
     detached_features: bool = False
     raster: RasterSettings = RasterSettings()
@@ -86,5 +83,5 @@ class StepSettings:
             require(self, name, getattr(self, name) >= 0.0, "at least 0")
         require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
         require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")
-        for name in ("eps", "largest_step"):
+        for name in ("eps", "largest"):
             require(self, name, getattr(self, name) > 0.0, "above 0")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
+
 import pytest
 
+from engine.cli.commands.scene_options import add_setting_options, overrides_of
 from engine.core.errors import SettingsError
 from engine.core.settings import to_dict
 from engine.pipeline.planning.decisions import PlanSettings, training_settings
@@ -63,3 +66,12 @@ def test_the_plan_and_its_training_have_what_was_set() -> None:
     values = to_dict(training_settings(work))
     assert {name: values[name] for name in given} == given
     assert before.overrides == {} and to_dict(training_settings(before))["steps"] != 9000
+
+
+def test_a_light_scene_keeps_half_of_the_gaussians_and_is_asked_for_once() -> None:
+    parser = argparse.ArgumentParser()
+    add_setting_options(parser)
+    assert overrides_of(parser.parse_args(["--light", "--set", "steps=50"])) == {"steps": 50, "kept": 0.5}
+    assert overrides_of(parser.parse_args([])) == {}
+    with pytest.raises(SettingsError, match="Give only one"):
+        overrides_of(parser.parse_args(["--light", "--set", "kept=0.3"]))
