@@ -110,16 +110,17 @@ def mesh_object(
     normals = vertex_normals(vertices, faces)
     tell(0.6)
     side = settings.texture_side
-    corners, texture_faces, uv = make_atlas(vertices, faces, side)
+    corners, texture_faces, uv = make_atlas(vertices, faces, side) if side else _no_atlas(vertices, faces)
     tell(0.7)
     numbers, weights = texels(uv, texture_faces, side)
     area = areas_of(vertices, faces)
+    texel = float(np.sqrt(area.sum() / max(_USED_SHARE * side**2, len(vertices))))
     rows, columns = np.nonzero(numbers >= 0)
     points = _points(vertices, faces, normals, seen, numbers[rows, columns], weights[rows, columns])
     colors, known = colors_of(
         points, vertices, faces, maps, photos,
-        texel=float(np.sqrt(area.sum() / (_USED_SHARE * side**2))), tolerance=_TOLERANCE * field.voxel,
-        should_stop=should_stop, tell=lambda done: tell(0.7 + 0.27 * done),
+        texel=texel, tolerance=_TOLERANCE * field.voxel, should_stop=should_stop,
+        tell=lambda done: tell(0.7 + 0.27 * done),
     )  # fmt: skip
     n_texels = len(rows)
     vertex_colors = spread_colors(vertices, faces, colors[n_texels:], known[n_texels:])
@@ -162,6 +163,11 @@ def _geometry(field: Field, settings: MeshSettings) -> tuple[Float64, Int32, Mas
     return simplified(vertices, faces, seen[kept], triangles=settings.triangles, closed=settings.watertight)
 
 
+def _no_atlas(vertices: Float64, faces: Int32) -> tuple[Int32, Int32, Float32]:
+    """Return what `make_atlas` does, for a mesh without a texture."""
+    return np.arange(len(vertices), dtype=np.int32), faces, np.zeros((len(vertices), 2), np.float32)
+
+
 def _points(
     vertices: Float64, faces: Int32, normals: Float32, seen: Mask, numbers: Int32, weights: Float32
 ) -> SurfacePoints:
@@ -195,6 +201,8 @@ def _texture(
     known: Mask,
 ) -> Pixels:
     """Return the texture, [side, side, 4]; alpha is 0 where no photo gave a colour."""
+    if not side:
+        return np.zeros((0, 0, 4), np.uint8)
     filled = _between(vertex_colors, faces[numbers[where]], weights[where])
     texture = np.zeros((side, side, 4), np.uint8)
     texture[where[0], where[1], :3] = np.rint(255 * np.where(known[:, None], colors, filled))
