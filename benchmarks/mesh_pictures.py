@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,19 +13,19 @@ from engine.scene import Mesh, PinholeCamera
 __all__ = ["draw_mesh"]
 
 
-_FINER = 3
-"""Rows and columns that are drawn for each of a picture, and averaged: a pixel of a photo shows an area."""
+def draw_mesh(
+    mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float] = (0.0, 0.0, 0.0), finer: int = 1
+) -> np.ndarray:
+    """Return the colours of a mesh before a background, [h, w, 3], float32, sRGB from 0 to 1.
+
+    `finer` rows and columns are drawn for each of the picture, and averaged: a pixel of a photo shows an area.
+    """
+    height, width, K = camera.height, camera.width, camera.K * np.array([[finer], [finer], [1]])
+    picture = _drawn(mesh, replace(camera, K=K, width=finer * width, height=finer * height), background)
+    return picture.reshape(height, finer, width, finer, 3).mean(axis=(1, 3))
 
 
-def draw_mesh(mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
-    """Return the colours of a mesh before black, [h, w, 3], float32, sRGB from 0 to 1."""
-    height, width = camera.height, camera.width
-    K = camera.K * np.array([[_FINER], [_FINER], [1]])
-    picture = _drawn(mesh, replace(camera, K=K, width=_FINER * width, height=_FINER * height))
-    return picture.reshape(height, _FINER, width, _FINER, 3).mean(axis=(1, 3))
-
-
-def _drawn(mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
+def _drawn(mesh: Mesh, camera: PinholeCamera, background: Sequence[float]) -> np.ndarray:
     vertices = mesh.vertices.astype(np.float64)
     _, faces, weights = draw_triangles(camera, vertices, mesh.faces)
     z = np.maximum(vertices @ camera.viewmat[2, :3] + camera.viewmat[2, 3], 1e-6)
@@ -36,6 +37,6 @@ def _drawn(mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
     side = mesh.texture.shape[0]
     columns = np.clip((uv[:, 0] * side).astype(int), 0, side - 1)
     rows = np.clip(((1 - uv[:, 1]) * side).astype(int), 0, side - 1)
-    picture = np.zeros((*faces.shape, 3), np.float32)
+    picture = np.full((*faces.shape, 3), background, np.float32)
     picture[shown] = mesh.texture[rows, columns, :3] / np.float32(255)
     return picture

@@ -51,6 +51,8 @@ _NEIGHBOURS = 200_000
 """Points of a surface that distances are measured to: the spacing of 30,000 alone is 0.3 % of the diagonal."""
 _NEAR = 0.01
 """Distance within which a point counts as found, as a share of the object's diagonal."""
+_FINER = 3
+"""Rows and columns of a drawn mesh for each of a photo."""
 _MIN_PIXELS = 100
 """Smallest true mask, in pixels, that shows the object to the PSNR."""
 _HELD_OUT = 6
@@ -245,7 +247,9 @@ class Case:
             inside = erode_mask(mask, 2)
             photo, _ = read_part(self.photos, camera, frame, frame)
             gain = self.photos.gain(camera.photo)
-            for number, colors in enumerate((draw_mesh(mesh, frame), splats.render(frame, color=True).channels)):
+            for number, colors in enumerate(
+                (draw_mesh(mesh, frame, finer=_FINER), splats.render(frame, color=True).channels)
+            ):
                 difference = np.clip(colors * gain, 0, 1) - photo / 255
                 errors[number] += np.square(difference[inside]).ravel().tolist()
         if not errors[0]:

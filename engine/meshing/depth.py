@@ -12,10 +12,9 @@ from ..cameras import training_pinhole
 from ..core.arrays import Float32, Float64, Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
-from ..formats import rotations_from_quats
 from ..pictures import Scene
 from ..pictures.settings import VISIBLE_SHARE
-from ..scene import Camera, Gaussians, PinholeCamera
+from ..scene import Camera, Gaussians, PinholeCamera, rotations_from_quats
 
 __all__ = ["DepthMap", "depth_maps", "surface_points"]
 

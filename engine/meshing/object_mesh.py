@@ -10,11 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..core.arrays import Float32, Float64, Int32, Mask, Pixels
+from ..core.arrays import Float32, Float64, Int32, Mask, Pixels, normalized
 from ..core.errors import ObjectError
 from ..core.events import StopCheck
 from ..objects import DetailPhotos, spread_cameras
-from ..pictures import Scene, normalized
+from ..pictures import Scene
 from ..scene import Camera, Mesh
 from .agreement import agreeing_depths
 from .atlas import make_atlas, texels

@@ -12,6 +12,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ...cameras import detecting_cores, detection_bytes, n_compared_pairs
 from ...cameras.settings import CameraSettings
 from ...core.system import Machine
 from ...training.settings import TrainingSettings
@@ -41,7 +42,7 @@ _PHOTO_MEGAPIXEL_SECONDS = 0.045  # chosen on museum_room, sakharov_statue32
 
 _FEATURE_MEGAPIXEL_SECONDS = 2.5  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds of feature detection per megapixel of the working copy."""
-_COMPARED_PAIR_SECONDS = 0.005  # chosen on museum_room, sakharov_statue32
+_COMPARED_PAIR_SECONDS = 0.001  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per pair in the quick comparison that selects promising pairs."""
 _MATCHED_PAIR_SECONDS = 0.065  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per matched pair."""
@@ -89,11 +90,14 @@ POINTS_PER_PHOTO = 220  # chosen on museum_room, sakharov_statue32
 """Training: expected number of sparse points per photo that training starts from."""
 
 _SERIAL_SHARE = {
-    "photos": 0.1, "cameras": 0.36, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
+    "photos": 0.1, "cameras": 0.2, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
 }  # fmt: skip  # chosen on museum_room, sakharov_statue32
 """Share of each stage's work that cannot be divided among cores."""
 _MAX_CORES = {"masks": 2}
 """Largest number of cores that a stage can use. SAM encodes a photo on one and decodes clicks on the other."""
+
+_MAX_MASK_PROCESSES = 8
+"""Masks beside the cameras: largest number of processes. Each loads SAM."""
 
 _BARE_PYTHON_BYTES = 65_000_000
 """Memory of Python without the engine's libraries."""
@@ -109,8 +113,6 @@ _MAX_PHOTO_SHARE = 0.75
 """Reading photos: largest share of the free memory. Threads wait for each other rather than use more."""
 _COLMAP_BYTES = 230_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Cameras: memory of pycolmap and its database."""
-_COLMAP_PIXEL_BYTES = 260
-"""Cameras: bytes per pixel of a working copy and thread. SIFT works on a picture of twice the size."""
 _SAM_BYTES = 880_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Masks and objects: memory of SAM."""
 _KEPT_AFTER_SAM_BYTES = 420_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
@@ -125,6 +127,8 @@ _GAUSSIAN_FEATURE_BYTES = 256
 """Training: additional bytes per Gaussian for blending its segmentation features."""
 _DRIVER_BYTES = 300_000_000
 """Training on a graphics card: memory of its driver in this process."""
+_FIRST_PICTURE_BYTES = 1_000_000_000  # chosen on museum_room
+"""Memory of the process that makes a first picture while the cameras are estimated."""
 _VIEW_GAUSSIAN_BYTES = 130
 """Objects: bytes per Gaussian and photo of the views that are kept."""
 _MAX_VIEW_BYTES = 500_000_000
@@ -175,8 +179,11 @@ class Forecast:
         Number of earlier runs on this machine that corrected the forecast.
     device : str
         What training is forecast for, see `Device.name`.
-    masks_beside : bool
-        Whether masks can be made while the cameras are estimated: there is another core, and memory for both.
+    masks_beside : int
+        Number of processes that can make masks while the cameras are estimated; 0 without another core, or without
+        memory for both.
+    picture_beside : bool
+        Whether a first picture can be made at the same time: there is memory for it too.
     """
 
     stages: tuple[StageForecast, ...]
@@ -184,7 +191,8 @@ class Forecast:
     cores: int
     n_runs: int
     device: str = "cpu"
-    masks_beside: bool = False
+    masks_beside: int = 0
+    picture_beside: bool = False
 
     @property
     def seconds(self) -> tuple[float, float, float]:
@@ -203,7 +211,7 @@ class Forecast:
         stages = {stage.stage: stage for stage in self.stages}
         if not self.masks_beside or not {"cameras", "masks"} <= stages.keys():
             return 0.0
-        rate = wall_share("masks", self.cores) / wall_share("masks", self.cores - 1)
+        rate = self.masks_beside * wall_share("masks", self.cores) / wall_share("masks", self.cores - 1)
         return min(stages["masks"].seconds, rate * _SERIAL_SHARE["cameras"] * stages["cameras"].cpu_seconds)
 
     @property
@@ -282,7 +290,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     Notes
     -----
     - photos: 0.006 s per photo and 0.045 s per megapixel
-    - cameras: (2.5 s per megapixel of the working copies + 5 ms per compared pair + 65 ms per matched pair + 0.03 s
+    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 65 ms per matched pair + 0.03 s
       n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
     - masks: 3 s per photo
     - training: `training_seconds`
@@ -295,7 +303,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     if stage == "cameras":
         if work.pairs == "none":
             return _GIVEN_CAMERAS_SECONDS
-        n_compared = n * (n - 1) / 2 if work.pairs == "promising" else 0.0
+        n_compared = n_compared_pairs(n) if work.pairs == "promising" else 0
         seconds = (
             n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
             + n_compared * _COMPARED_PAIR_SECONDS
@@ -345,7 +353,7 @@ def memory_of(
     - photos: 65 MB, and per thread 25 MB and 4.1 bytes per pixel, up to 60 million pixels; together at most 75 % of the
       free memory
     - all others: 500 MB for Python, torch and the compiled kernels, and in addition:
-    - cameras: 230 MB, and 260 bytes per pixel of a working copy and thread
+    - cameras: 230 MB, and 260 bytes per pixel of a working copy and core that detects features
     - masks: 880 MB for SAM
     - training: per photo and pixel, 3 bytes for the photo, 12 for labels and their index, 36 for the prepared target
       (one photo only where all would take more than 1 GiB); per Gaussian, 24 bytes per number and 256 with features;
@@ -364,7 +372,8 @@ def memory_of(
     if stage == "cameras":
         if work.pairs == "none":
             return python
-        return int(python + _COLMAP_BYTES + _COLMAP_PIXEL_BYTES * _copy_pixels(work) * min(4, cores))
+        copy = _copy_pixels(work)
+        return int(python + _COLMAP_BYTES + detection_bytes(copy) * detecting_cores(cores, copy, free=free))
     if stage == "masks":
         return python + _SAM_BYTES
     on_card = work.device.backend == "gpu"
@@ -409,15 +418,20 @@ def forecast_work(
     stages += ["masks"] if work.n_mask_photos else []
     stages += ["training"] + (["objects"] if n_prompts else []) + ["report"]
     expected = tuple(_forecast_stage(stage, work, settings, machine, calibration, n_prompts) for stage in stages)
-    needed = sum(stage.memory for stage in expected if stage.stage in ("cameras", "masks"))
-    fits = machine.free_bytes is None or needed <= machine.free_bytes
+    memory = {stage.stage: stage.memory for stage in expected}
+    cameras, masks = memory["cameras"], memory.get("masks", 0)
+    free = math.inf if machine.free_bytes is None else machine.free_bytes
+    estimates, n_masks = machine.cores > 1 and not work.poses_given, 0
+    if estimates and masks:
+        n_masks = int(min(_mask_processes(machine.cores), max(0.0, (free - cameras) / masks)))
     return Forecast(
         expected,
         machine.free_bytes,
         machine.cores,
         calibration.n_runs,
         work.device.name,
-        masks_beside=fits and machine.cores > 1 and work.n_mask_photos > 0 and not work.poses_given,
+        masks_beside=n_masks,
+        picture_beside=estimates and cameras + n_masks * masks + _FIRST_PICTURE_BYTES <= free,
     )
 
 
@@ -449,6 +463,11 @@ def _forecast_stage(
         stage, seconds, seconds / spread, seconds * spread, cpu_seconds, model_cpu,
         int(peak), int(peak / memory_spread), int(peak * memory_spread), model_memory,
     )  # fmt: skip
+
+
+def _mask_processes(cores: int) -> int:
+    """Return the number of processes that make masks beside the cameras: each takes two cores, half of all are left."""
+    return max(1, min(_MAX_MASK_PROCESSES, cores // 4))
 
 
 def wall_share(stage: str, cores: int) -> float:
