@@ -18,7 +18,7 @@ from ..pictures import Scene
 from ..scene import Camera, Mesh
 from .agreement import agreeing_depths
 from .atlas import make_atlas, texels
-from .cleaning import areas_of, kept_faces, main_parts, used_vertices, vertex_normals
+from .cleaning import areas_of, kept_faces, main_parts, separated, used_vertices, vertex_normals
 from .depth import depth_maps
 from .fusion import Field, fuse, with_unseen_filled
 from .settings import MeshSettings
@@ -160,7 +160,10 @@ def _geometry(field: Field, settings: MeshSettings) -> tuple[Float64, Int32, Mas
     seen = np.asarray(known[faces].all(axis=1))
     kept = kept_faces(vertices, faces, seen, watertight=settings.watertight)
     vertices, faces = used_vertices(vertices, faces[kept])
-    return simplified(vertices, faces, seen[kept], triangles=settings.triangles, closed=settings.watertight)
+    vertices, faces, seen = simplified(
+        vertices, faces, seen[kept], triangles=settings.triangles, closed=settings.watertight
+    )
+    return separated(vertices, faces) if settings.watertight else vertices, faces, seen
 
 
 def _no_atlas(vertices: Float64, faces: Int32) -> tuple[Int32, Int32, Float32]:
