@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,8 +13,19 @@ from engine.scene import Mesh, PinholeCamera
 __all__ = ["draw_mesh"]
 
 
-def draw_mesh(mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """Return the colours of a mesh before a background, [h, w, 3], float32, sRGB from 0 to 1."""
+def draw_mesh(
+    mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float] = (0.0, 0.0, 0.0), finer: int = 1
+) -> np.ndarray:
+    """Return the colours of a mesh before a background, [h, w, 3], float32, sRGB from 0 to 1.
+
+    `finer` rows and columns are drawn for each of the picture, and averaged: a pixel of a photo shows an area.
+    """
+    height, width, K = camera.height, camera.width, camera.K * np.array([[finer], [finer], [1]])
+    picture = _drawn(mesh, replace(camera, K=K, width=finer * width, height=finer * height), background)
+    return picture.reshape(height, finer, width, finer, 3).mean(axis=(1, 3))
+
+
+def _drawn(mesh: Mesh, camera: PinholeCamera, background: Sequence[float]) -> np.ndarray:
     vertices = mesh.vertices.astype(np.float64)
     _, faces, weights = draw_triangles(camera, vertices, mesh.faces)
     z = np.maximum(vertices @ camera.viewmat[2, :3] + camera.viewmat[2, 3], 1e-6)

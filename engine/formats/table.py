@@ -122,6 +122,10 @@ class Format:
         Writes a mesh that is in the world of the file, `FileFacts`, and its texture as PNG; None: no format of meshes.
     mesh_up : {"z", "-y", "y"}
         Axis that points up in files with a mesh.
+    defines_up : bool
+        Whether the format itself says which axis that is, so that a mesh is turned to it in any case.
+    shows_texture : bool
+        Whether its files hold the texture of a mesh.
     beside : tuple of str
         Ends of the names of further files that are written beside a mesh.
     read : callable, optional
@@ -153,6 +157,8 @@ class Format:
     write: Write | None = None
     write_mesh: WriteMesh | None = None
     mesh_up: Up = "z"
+    defines_up: bool = False
+    shows_texture: bool = False
     beside: tuple[str, ...] = ()
     read: Read | None = None
     starts: tuple[bytes, ...] = ()
@@ -285,12 +291,12 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "glb-mesh", "mesh, GLB", (".glb",), "model/gltf-binary",
         "Recommended for meshes: textured mesh of an object with the record, upright in every program",
-        write_mesh=_write_mesh_glb, mesh_up="y", is_packed=True,
+        write_mesh=_write_mesh_glb, mesh_up="y", defines_up=True, shows_texture=True, is_packed=True,
     ),
     Format(
         "obj", "mesh, OBJ", (".obj",), "model/obj",
         "Textured mesh of an object for older programs, with its .mtl and .png beside it, Y up",
-        write_mesh=_write_mesh_obj, mesh_up="y", beside=(".mtl", ".png"),
+        write_mesh=_write_mesh_obj, mesh_up="y", shows_texture=True, beside=(".mtl", ".png"),
     ),
     Format(
         "stl", "mesh, STL", (".stl",), "model/stl",
@@ -300,7 +306,7 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "usd-mesh", "mesh, USDZ", (".usdz",), "model/vnd.usdz+zip",
         "Textured mesh of an object with the record in one file, Z up",
-        write_mesh=_write_mesh_usdz, is_packed=True,
+        write_mesh=_write_mesh_usdz, shows_texture=True, is_packed=True,
     ),
     Format(
         "splat", "SPLAT", (".splat",), "application/octet-stream", "Of viewers for the web, 32 bytes for each Gaussian",
@@ -369,8 +375,8 @@ def write_mesh(path: Path, mesh: Mesh, name: str, facts: FileFacts, texture: byt
     name : str
         Of a format of meshes.
     facts : FileFacts
-        What the format has no place for is left out. ``up`` of None: the mesh is not turned but in glTF, which has Y up
-        by definition.
+        What the format has no place for is left out. ``up`` of None: the mesh is not turned, but in formats that define
+        which axis points up.
     texture : bytes
         The texture of the mesh as PNG.
 
@@ -385,5 +391,5 @@ def write_mesh(path: Path, mesh: Mesh, name: str, facts: FileFacts, texture: byt
     if kind.write_mesh is None:
         meshes = ", ".join(one.name for one in FORMATS if one.write_mesh is not None)
         raise SettingsError(f"{path} cannot be written as a mesh in the format {name}. Choose one of {meshes}.")
-    turned = file_from_z_up(kind.mesh_up if facts.up is not None or kind.name == "glb-mesh" else None)
+    turned = file_from_z_up(kind.mesh_up if facts.up is not None or kind.defines_up else None)
     kind.write_mesh(path, mesh.moved(turned if facts.matrix is None else turned @ facts.matrix), facts, texture)

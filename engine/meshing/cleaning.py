@@ -9,13 +9,16 @@ from scipy.sparse.csgraph import connected_components
 from ..core.arrays import Float32, Float64, Int32, Int64, Mask
 from ..core.errors import ObjectError
 
-__all__ = ["areas_of", "kept_faces", "main_parts", "used_vertices", "vertex_normals"]
+__all__ = ["areas_of", "kept_faces", "main_parts", "separated", "used_vertices", "vertex_normals"]
 
 _MIN_PART = 0.02
 """Area of a separate part, relative to that of the largest one, below which it is a floater."""
 
 _SMALL_HOLE = 0.06
 """Largest extent of a hole that is closed without being asked for, as a share of the object's diagonal."""
+
+_SEPARATION, _SEPARATIONS = 0.05, 8
+"""Share of the way to their neighbours by which vertices at the same place are moved, and how often at most."""
 
 
 def areas_of(vertices: Float64, faces: Int32) -> Float64:
@@ -93,6 +96,26 @@ def vertex_normals(vertices: Float64, faces: Int32) -> Float32:
     # A vertex whose triangles face away from each other has none: any is as good.
     sums = np.where(lengths > 0, sums / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0))
     return sums.astype(np.float32)
+
+
+def separated(vertices: Float64, faces: Int32) -> Float64:
+    """Return the vertices with no two at the same place in single precision.
+
+    Collapses may put vertices of touching sheets there. Programs that join vertices at the same place, as all that read
+    STL, would find edges of four triangles. They are moved towards their neighbours, which differ.
+    """
+    result = vertices.copy()
+    for _ in range(_SEPARATIONS):
+        _, numbers, counts = np.unique(result.astype(np.float32), axis=0, return_inverse=True, return_counts=True)
+        rows = np.flatnonzero(counts[numbers.reshape(-1)] > 1)
+        if not len(rows):
+            break
+        near = faces[np.isin(faces, rows).any(axis=1)]
+        ends = np.concatenate([near[:, [k, (k + 1) % 3]] for k in range(3)])
+        sums = np.column_stack([np.bincount(ends[:, 0], result[ends[:, 1], k], len(result)) for k in range(3)])
+        mean = sums[rows] / np.bincount(ends[:, 0], minlength=len(result))[rows, None]
+        result[rows] += _SEPARATION * (mean - result[rows])
+    return result
 
 
 def _parts(faces: Int32, n_vertices: int) -> Int64:

@@ -18,7 +18,7 @@ from ..pictures import Scene
 from ..scene import Camera, Mesh
 from .agreement import agreeing_depths
 from .atlas import make_atlas, texels
-from .cleaning import areas_of, kept_faces, main_parts, used_vertices, vertex_normals
+from .cleaning import areas_of, kept_faces, main_parts, separated, used_vertices, vertex_normals
 from .depth import depth_maps
 from .fusion import Field, fuse, with_unseen_filled
 from .settings import MeshSettings
@@ -110,16 +110,17 @@ def mesh_object(
     normals = vertex_normals(vertices, faces)
     tell(0.6)
     side = settings.texture_side
-    corners, texture_faces, uv = make_atlas(vertices, faces, side)
+    corners, texture_faces, uv = make_atlas(vertices, faces, side) if side else _no_atlas(vertices, faces)
     tell(0.7)
     numbers, weights = texels(uv, texture_faces, side)
     area = areas_of(vertices, faces)
+    texel = float(np.sqrt(area.sum() / max(_USED_SHARE * side**2, len(vertices))))
     rows, columns = np.nonzero(numbers >= 0)
     points = _points(vertices, faces, normals, seen, numbers[rows, columns], weights[rows, columns])
     colors, known = colors_of(
         points, vertices, faces, maps, photos,
-        texel=float(np.sqrt(area.sum() / (_USED_SHARE * side**2))), tolerance=_TOLERANCE * field.voxel,
-        should_stop=should_stop, tell=lambda done: tell(0.7 + 0.27 * done),
+        texel=texel, tolerance=_TOLERANCE * field.voxel, should_stop=should_stop,
+        tell=lambda done: tell(0.7 + 0.27 * done),
     )  # fmt: skip
     n_texels = len(rows)
     vertex_colors = spread_colors(vertices, faces, colors[n_texels:], known[n_texels:])
@@ -159,7 +160,15 @@ def _geometry(field: Field, settings: MeshSettings) -> tuple[Float64, Int32, Mas
     seen = np.asarray(known[faces].all(axis=1))
     kept = kept_faces(vertices, faces, seen, watertight=settings.watertight)
     vertices, faces = used_vertices(vertices, faces[kept])
-    return simplified(vertices, faces, seen[kept], triangles=settings.triangles, closed=settings.watertight)
+    vertices, faces, seen = simplified(
+        vertices, faces, seen[kept], triangles=settings.triangles, closed=settings.watertight
+    )
+    return separated(vertices, faces) if settings.watertight else vertices, faces, seen
+
+
+def _no_atlas(vertices: Float64, faces: Int32) -> tuple[Int32, Int32, Float32]:
+    """Return what `make_atlas` does, for a mesh without a texture."""
+    return np.arange(len(vertices), dtype=np.int32), faces, np.zeros((len(vertices), 2), np.float32)
 
 
 def _points(
@@ -195,6 +204,8 @@ def _texture(
     known: Mask,
 ) -> Pixels:
     """Return the texture, [side, side, 4]; alpha is 0 where no photo gave a colour."""
+    if not side:
+        return np.zeros((0, 0, 4), np.uint8)
     filled = _between(vertex_colors, faces[numbers[where]], weights[where])
     texture = np.zeros((side, side, 4), np.uint8)
     texture[where[0], where[1], :3] = np.rint(255 * np.where(known[:, None], colors, filled))

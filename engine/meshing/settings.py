@@ -19,7 +19,7 @@ class MeshSettings:
     triangles : int
         Largest number of triangles.
     texture_side : int
-        Width and height of the texture in pixels.
+        Width and height of the texture in pixels; 0: none, for files that hold none. Vertices have colours anyway.
     watertight : bool
         Whether the surface is closed where no photo saw it.
     max_photos : int

@@ -28,13 +28,14 @@ _PIXELS_PER_TEXEL = 1.5
 _MIN_COSINE = 0.2
 """Cosine of the angle at which a photo sees a surface, below which its colours are not used."""
 
-_SOFT, _SHARP = 2.0, 8.0
-"""Powers of a photo's resolution on the surface by which it counts, in the blurred and in the sharp part of colours."""
+_SHARP = 4.0  # chosen on room_1
+"""Power of a photo's resolution on the surface by which it counts in the sharp part of colours. In the blurred part all
+count alike: the mean of all photos holds the least of the highlights, which move with the camera."""
 
 _BLUR = 1 / 60
 """Standard deviation of the blurred part, as a share of the longer side of the part that shows the object."""
 
-_EDGE, _FEATHER = 1.0, 0.03
+_EDGE, _FEATHER = 0.5, 0.02  # chosen on room_1
 """Pixels of a map beside an edge of depth that are not used, and the share of its longer side over which photos count
 less and less."""
 
@@ -96,8 +97,8 @@ def colors_of(
 
     Notes
     -----
-    Baumberg 2002: the blurred part of the colours is blended over all photos softly, which hides what differs
-    between their exposures. What is sharp comes nearly from one photo, as mixtures of photos are blurred where
+    Baumberg 2002: the blurred part of the colours is the mean of all photos, which hides what differs between their
+    exposures. What is sharp comes mostly from the best photos, as mixtures of photos are blurred where
     cameras or surface are off by a pixel. Weights have no jumps along the surface, so that there are no seams.
     """
     soft, sharp = np.zeros((2, len(points.places), 4), np.float32)
@@ -125,7 +126,7 @@ def colors_of(
             share: Share,
             arguments: tuple[object, ...] = (viewmat, center, lens, depth, usable, image, blurred, ratio, resolution),
         ) -> None:
-            _add_photo(share, places, normals, *sums, *arguments, tolerance, _MIN_COSINE, _SOFT, _SHARP)
+            _add_photo(share, places, normals, *sums, *arguments, tolerance, _MIN_COSINE, _SHARP)
 
         run_shared(work, None)
         tell((number + 1) / len(maps))
@@ -188,7 +189,7 @@ def _usable(one: DepthMap, depth: Float32, tolerance: float) -> Float32:
 @njit(**JIT)
 def _add_photo(  # type: ignore[no-untyped-def]
     share, places, normals, soft, sharp, viewmat, center, lens, depth, usable, image, blurred, ratio, resolution,
-    tolerance, min_cosine, soft_power, sharp_power,
+    tolerance, min_cosine, sharp_power,
 ):  # fmt: skip
     height, width = depth.shape
     fx, fy, cx, cy = lens
@@ -217,11 +218,11 @@ def _add_photo(  # type: ignore[no-untyped-def]
             _sample(image, u * ratio[0], v * ratio[1], color)
             _sample(blurred, u * ratio[0], v * ratio[1], base)
             quality = cosine * resolution / z
-            soft_weight, sharp_weight = weight * quality**soft_power, weight * quality**sharp_power
+            sharp_weight = weight * quality**sharp_power
             for k in range(3):
-                soft[i, k] += soft_weight * base[k]
+                soft[i, k] += weight * base[k]
                 sharp[i, k] += sharp_weight * (color[k] - base[k])
-            soft[i, 3] += soft_weight
+            soft[i, 3] += weight
             sharp[i, 3] += sharp_weight
 
 

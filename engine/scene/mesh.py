@@ -60,8 +60,13 @@ class Mesh:
 
     @property
     def is_closed(self) -> bool:
-        """Whether each edge has two triangles, which pass it in opposite directions."""
-        ends = np.concatenate([self.faces[:, [0, 1]], self.faces[:, [1, 2]], self.faces[:, [2, 0]]]).astype(np.int64)
+        """Whether each edge has two triangles, which pass it in opposite directions.
+
+        Vertices at the same place are one vertex, as programs read an STL, which has no numbers of vertices.
+        """
+        _, numbers = np.unique(self.vertices, axis=0, return_inverse=True)
+        faces = numbers.reshape(-1)[self.faces]
+        ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
         forth = np.sort(ends[:, 0] * len(self.vertices) + ends[:, 1])
         back = np.sort(ends[:, 1] * len(self.vertices) + ends[:, 0])
         return len(forth) > 0 and bool((np.diff(forth) > 0).all() and (forth == back).all())

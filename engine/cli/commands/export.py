@@ -161,7 +161,11 @@ def _write_mesh(
     made = mesh_of(
         project,
         export,
-        MeshSettings(triangles=options.triangles, watertight=options.watertight),
+        MeshSettings(
+            triangles=options.triangles,
+            watertight=options.watertight,
+            texture_side=MeshSettings.texture_side if kind.shows_texture else 0,
+        ),
         should_stop=should_stop,
         tell=lambda done: emit(Progress("export", done, message="meshing")),
     )

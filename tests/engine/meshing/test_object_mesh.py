@@ -14,6 +14,7 @@ from engine.meshing import MeshResult, mesh_object
 from engine.meshing.cleaning import vertex_normals
 from engine.meshing.settings import MeshSettings
 from engine.pictures import Scene
+from engine.scene import Gaussians
 
 from .shapes import Shown, around, ball, disk, gaussians_on, sheet, shown
 
@@ -137,6 +138,44 @@ def test_two_parts_are_kept_and_a_floater_is_dropped(tmp_path: Path) -> None:
     assert (vertices[:, 0] < -0.3).any()
     assert (vertices[:, 0] > 0.3).any()
     assert vertices[:, 2].max() < 0.4
+
+
+def test_mesh_for_files_without_a_texture_has_the_same_shape_and_colours_at_its_vertices(
+    on_table: Shown, open_ball: MeshResult
+) -> None:
+    bare = meshed(on_table, replace(SMALL, texture_side=0)).mesh
+    assert bare.texture.size == 0
+    np.testing.assert_array_equal(bare.vertices, open_ball.mesh.vertices)
+    # Photos are read at other sizes, as the texture asks for.
+    assert np.abs(bare.colors.astype(float) - open_ball.mesh.colors).mean() < 6
+
+
+def test_hollow_object_keeps_its_inner_wall_where_photos_look_in(tmp_path: Path) -> None:
+    """A bowl: photos from above see the hollow, which is not closed by a lid, not even by `watertight`."""
+    points = ball(RADIUS, 4000)
+    wall = points[points[:, 2] < 0]
+    inner = np.hstack([0.9 * wall[:, :3], -wall[:, 3:]])
+    case = shown(tmp_path, gaussians_on(np.concatenate([wall, inner]), 0.025), None, around((0.1, 0.9), 9))
+    for watertight in (False, True):
+        mesh = meshed(case, replace(SMALL, watertight=watertight)).mesh
+        middles = mesh.vertices[mesh.faces].mean(axis=1)
+        # A lid would lie near the plane of the rim, within the opening.
+        within = np.linalg.norm(middles[:, :2], axis=1) < 0.3
+        assert (middles[within, 2] < -0.2).all()
+        assert (np.linalg.norm(middles, axis=1) < 0.47).any()
+
+
+def test_surface_is_where_photos_agree_when_gaussians_lie_inside_of_it(tmp_path: Path) -> None:
+    """Soft Gaussians of a ball whose photos show its surface farther outside than their centres."""
+    case = shown(tmp_path, gaussians_on(ball(RADIUS, 600), 0.06), None, around((0.3, 0.8), 9))
+    deep = Gaussians(
+        0.94 * case.gaussians.means, case.gaussians.log_scales + np.array([0, 0, 2.3], np.float32),
+        case.gaussians.quats, case.gaussians.opacity_logits, case.gaussians.sh,
+    )  # fmt: skip
+    result = meshed(replace(case, gaussians=deep))
+    assert result.record["toward"] > 0
+    blended = 0.94 * RADIUS
+    assert np.median(np.linalg.norm(result.mesh.vertices, axis=1)) > blended
 
 
 def test_few_gaussians_are_refused_in_a_sentence(tmp_path: Path) -> None:

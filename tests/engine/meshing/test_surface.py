@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from engine.meshing.cleaning import separated
 from engine.meshing.fusion import Field
 from engine.meshing.surface import extract_surface
 from engine.scene import Mesh
@@ -36,6 +37,19 @@ def test_any_field_gives_a_closed_surface() -> None:
     values = np.random.default_rng(3).normal(size=(14, 12, 13))
     values[4:6, 5, 5] = 0  # values of exactly 0 as well
     assert _mesh(*extract_surface(_field(values))[:2]).is_closed
+
+
+def test_surfaces_that_touch_are_closed_also_for_programs_that_join_vertices_at_the_same_place() -> None:
+    """STL has no numbers of vertices: an edge of two touching tetrahedra would have four triangles there."""
+    corners = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0]], float)
+    turned = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    vertices = np.concatenate([corners, corners * (-1, -1, 1)])
+    faces = np.array(turned + [[a + 4, b + 4, c + 4] for a, b, c in turned], np.int32)
+    assert not _mesh(vertices, faces).is_closed
+    mesh = _mesh(separated(vertices, faces), faces)
+    assert mesh.is_closed
+    # Two vertices of each move by a twentieth of the way to their neighbours.
+    assert np.abs(mesh.vertices - vertices).max() < 0.06
 
 
 def test_field_without_surface_gives_no_triangles() -> None:
