@@ -6,11 +6,13 @@ import argparse
 import sys
 import traceback
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..core.errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
-from ..core.events import ErrorEvent
-from ..core.system import StopOnSignal, end_children_with_this_process, signals_held_back
+from ..core.events import ErrorEvent, Event, Finished
+from ..core.parts import measured_parts
+from ..core.system import StopOnSignal, cpu_seconds, end_children_with_this_process, signals_held_back
 from .commands import COMMANDS, load_command
 from .terminal import EventOutput
 
@@ -57,13 +59,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:
         end_children_with_this_process()
-        with StopOnSignal() as should_stop:
+        with measured_parts(cpu_seconds) as parts, StopOnSignal() as should_stop:
             if options.uses_cameras:
                 # While pycolmap is imported, its handlers take the place of ours for some milliseconds. Here no other
                 # thread can take a signal, see `__main__`.
                 with signals_held_back():
                     from ..cameras import undistort  # noqa: F401
-            code: int = options.run(options, output, should_stop)
+
+            def emit(event: Event) -> None:
+                output(replace(event, parts=parts.as_json()) if isinstance(event, Finished) else event)
+
+            code: int = options.run(options, emit, should_stop)
         return code
     except HeritageError as error:
         output(ErrorEvent(str(error), type(error).__name__))

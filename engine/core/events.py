@@ -116,11 +116,16 @@ class ErrorEvent(Event):
 
 @dataclass(frozen=True)
 class Finished(Event):
-    """The command succeeded. ``outputs`` maps names to paths and values."""
+    """The command succeeded.
+
+    ``outputs`` maps names to paths and values, ``parts`` the parts of the command, such as ``training/imports``, to
+    wall and CPU seconds; see `engine.core.parts`.
+    """
 
     kind: ClassVar[str] = "finished"
     message: str = ""
     outputs: dict[str, Any] = field(default_factory=dict)
+    parts: dict[str, Any] = field(default_factory=dict)
 
 
 Emit = Callable[[Event], None]
@@ -138,7 +143,7 @@ _SCHEMAS_OF_TYPES: dict[str, Schema] = {
     "int | None": (int, None),
     "dict[str, Any]": dict,
 }
-"""What a field of each type must be in JSON."""
+"""The JSON type of a field of each type."""
 
 
 def _schema(cls: type[Event]) -> Schema:
@@ -151,7 +156,7 @@ def _schema(cls: type[Event]) -> Schema:
 
 
 _SCHEMAS: dict[str, Schema] = {kind: _schema(cls) for kind, cls in _KINDS.items()}
-"""What an event of each kind must be in JSON."""
+"""The schema of an event of each kind in JSON."""
 _SOURCE = "the event"
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 

@@ -9,9 +9,12 @@ from __future__ import annotations
 import ast
 import functools
 import importlib
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from .parts import part
 
 __all__ = ["lazy_exports"]
 
@@ -39,8 +42,12 @@ def lazy_exports(package: str, file: str) -> Callable[[str], Any]:
     def get(name: str) -> Any:
         if name.startswith("__") or name not in modules():
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        module = f"{package}.{modules()[name]}"
+        if module not in sys.modules:
+            with part("imports"):
+                importlib.import_module(module)
         # Not kept here: a test that replaces the name in its own module must be seen.
-        return getattr(importlib.import_module(f".{modules()[name]}", package), name)
+        return getattr(sys.modules[module], name)
 
     return get
 

@@ -1,8 +1,8 @@
-"""Label maps that a process of its own makes while the cameras are estimated.
+"""Label maps that processes of their own make while the cameras are estimated.
 
-A label map depends on its photo only, and COLMAP places the photos on one core. The child makes label maps of the
-photos that will need some if all are placed; the masks stage then makes those that are missing. A child that is killed
-loses one photo's work.
+A label map depends on its photo only, and COLMAP places the photos on one core. The children divide the photos that
+will need label maps if all are placed; the masks stage then makes those that are missing. A child that is killed loses
+one photo's work.
 """
 
 from __future__ import annotations
@@ -28,24 +28,26 @@ from .storage import label_map_path
 __all__ = ["BesideCost", "MasksBeside", "make_masks_in_child", "sam_threads"]
 
 _LOG = logging.getLogger(__name__)
+MIN_PHOTOS_EACH = 4
+"""Smallest number of photos of a child where there are several: each loads SAM, which takes as long as a photo."""
 _NICENESS = 10
 """The cameras come first where both want a core."""
 
 
 @dataclass(frozen=True)
 class BesideCost:
-    """Cost of the child process.
+    """Cost of the child processes.
 
     Attributes
     ----------
     seconds : float
-        Wall seconds.
+        Wall seconds until the last one ended.
     peak_memory : int or None
-        Bytes, None for a child that did not finish or where the system does not report it.
+        Bytes of the largest, None when one did not finish or where the system does not report it.
     n_kept : int
         Label maps that were there before, of an earlier run.
     problem : str
-        Why it made nothing more, as a sentence; empty when nothing failed.
+        Why one made nothing more, as a sentence; empty when nothing failed.
     """
 
     seconds: float
@@ -55,7 +57,7 @@ class BesideCost:
 
 
 class MasksBeside:
-    """Makes label maps in a child process from `start` to `end`; a context at whose end the child is dead.
+    """Makes label maps in child processes from `start` to `end`; a context at whose end they are dead.
 
     Parameters
     ----------
@@ -67,20 +69,30 @@ class MasksBeside:
     folder : Path
         The project's ``masks`` folder.
     settings : MaskSettings
+    n_processes : int
+        Largest number of children. What a photo gets does not depend on it.
     """
 
     def __init__(
-        self, photos_file: Path, photo_folder: Path, names: Sequence[str], folder: Path, settings: MaskSettings
+        self,
+        photos_file: Path,
+        photo_folder: Path,
+        names: Sequence[str],
+        folder: Path,
+        settings: MaskSettings,
+        *,
+        n_processes: int = 1,
     ) -> None:
         self._arguments = {
             "photos_file": str(photos_file),
             "photo_folder": str(photo_folder),
-            "names": list(names),
             "folder": str(folder),
             "settings": to_dict(settings),
         }
+        count = max(1, min(n_processes, len(names) // MIN_PHOTOS_EACH))
+        self._shares = [list(names[number::count]) for number in range(count)]
         self._context = contextlib.ExitStack()
-        self._child: ChildBeside | None = None
+        self._children: list[ChildBeside] = []
         self._label_maps = [label_map_path(folder, name) for name in names]
         self._started, self._n_kept = 0.0, 0
 
@@ -93,25 +105,33 @@ class MasksBeside:
         self._context.close()
 
     def start(self) -> None:
-        """Start the child."""
+        """Start the children."""
         self._n_kept = sum(path.exists() for path in self._label_maps)
-        work = child_beside("masks.beside:make_masks_in_child", self._arguments, what="segmenting photos")
-        self._child = self._context.enter_context(work)
+        for names in self._shares:
+            given = {**self._arguments, "names": names}
+            work = child_beside("masks.beside:make_masks_in_child", given, what="segmenting photos")
+            self._children.append(self._context.enter_context(work))
         self._started = time.perf_counter()
 
     def end(self) -> BesideCost | None:
-        """End the child and return its cost, None when none was started. It may have made only some label maps."""
-        if self._child is None:
+        """End the children and return their cost, None when none were started. Some label maps may be missing."""
+        if not self._children:
             return None
-        child, self._child = self._child, None
-        seconds = time.perf_counter() - self._started
-        try:
-            answer = child.end()
-        except HeritageError as error:
-            # What keeps the photos from being segmented stops the masks stage too, which says it as an error.
-            _LOG.warning("No more label maps were made while the cameras were estimated: %s", error)
-            return BesideCost(seconds, self._n_kept, problem=str(error))
-        return BesideCost(n_kept=self._n_kept, **(answer or {"seconds": seconds}))
+        children, self._children = self._children, []
+        so_far = time.perf_counter() - self._started
+        seconds, memory, problem = [], list[int | None](), ""
+        for child in children:
+            answer = None
+            try:
+                answer = child.end()
+            except HeritageError as error:
+                # What keeps the photos from being segmented stops the masks stage too, which says it as an error.
+                _LOG.warning("No more label maps were made while the cameras were estimated: %s", error)
+                problem = problem or str(error)
+            seconds.append(answer["seconds"] if answer else so_far)
+            memory.append(answer["peak_memory"] if answer else None)
+        peak = None if None in memory else max(one or 0 for one in memory)
+        return BesideCost(max(seconds), self._n_kept, peak, problem)
 
 
 def make_masks_in_child(

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from ..core.errors import Cancelled, MaskError
 from ..core.events import Emit, Progress, StopCheck
+from ..core.parts import part
 from ..core.settings import to_dict
 from ..photos import load_pixels
 from ..project.folder import stage_key
@@ -105,8 +106,12 @@ def _make(
                 raise Cancelled(f"Stopped after {n_done} of {len(names)} label maps; the next run continues there.")
             seconds_left = (time.perf_counter() - start) / n_done * (len(names) - n_done) if n_done else None
             emit(Progress("masks", n_done / len(names), seconds_left, message=f"Segments of {name}"))
-            labels = segment_everything(next(embeddings), sam, settings, should_stop=should_stop)
-            write_label_map(label_map_path(folder, name), labels, recipe=_recipe(photos[name], settings))
+            with part("waiting for the encoder"):
+                embedding = next(embeddings)
+            with part("segmenting"):
+                labels = segment_everything(embedding, sam, settings, should_stop=should_stop)
+            with part("writing"):
+                write_label_map(label_map_path(folder, name), labels, recipe=_recipe(photos[name], settings))
 
 
 def _encode_ahead(

@@ -12,6 +12,7 @@ import numpy as np
 from ..core.arrays import Float32, Int32, Mask
 from ..core.errors import Cancelled, EnvironmentProblem, FormatError
 from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
+from ..core.parts import part
 from ..pictures import Scene
 from ..project.folder import ProjectFolder
 from ..project.own_words import OwnWords
@@ -79,7 +80,8 @@ class SegmentationContext:
     @property
     def detector(self) -> Detector:
         """The detector, made at its first use."""
-        return self.once("detector", self.detector_factory)
+        with part("loading models"):
+            return self.once("detector", self.detector_factory)
 
     def taught(self, word: str) -> tuple[Float32, Float32]:
         """Return `OwnWords.means_of` of a word; no rows where the project does not learn.
@@ -96,10 +98,11 @@ class SegmentationContext:
     @property
     def graph(self) -> SceneGraph:
         """The graph of the scene, made at its first use. Raises `Cancelled` when that is stopped."""
-        return self.once("graph", lambda: load_or_build_graph(
-            self._graph_file, self.views, self.label_maps,
-            n_views=self.settings.n_vote_views, should_stop=self.should_stop,
-        ))  # fmt: skip
+        with part("graph"):
+            return self.once("graph", lambda: load_or_build_graph(
+                self._graph_file, self.views, self.label_maps,
+                n_views=self.settings.n_vote_views, should_stop=self.should_stop,
+            ))  # fmt: skip
 
     @property
     def _graph_file(self) -> Path | None:

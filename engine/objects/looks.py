@@ -19,6 +19,7 @@ from scipy.special import expit, logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
+from ..core.parts import part
 from ..masks import box_ious, mask_box
 from ..project.folder import stage_key
 from .context import SegmentationContext
@@ -102,7 +103,7 @@ class Looks:
     box: Float32
     described: Float32
     _least: dict[str, float] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What `least_odds` returned, by the name of the detector."""
+    """Results of `least_odds`, by the name of the detector."""
 
     def scores(self, text: str, context: SegmentationContext) -> Float64:
         """Return how much each proposal looks like a text.
@@ -254,13 +255,15 @@ def build_looks(context: SegmentationContext) -> Looks:
     Cancelled
         When the user stops.
     """
-    sets = find_proposals(context.part(0, 2))
+    with part("proposals"):
+        sets = find_proposals(context.part(0, 2))
     context = context.part(1, 2)
-    seen = _described(context, sets.members, sets.shown, np.unique(sets.like))
+    with part("describing proposals"):
+        seen = _described(context, sets.members, sets.shown, np.unique(sets.like))
     odds = sets.odds
     if seen.rows.size:
-        _, told = _count_and_mean(seen.number, context.detector.whole_odds(seen.rows), sets.like)
-        odds = (_SET_WEIGHT * odds + told).astype(np.float32)
+        _, whole = _count_and_mean(seen.number, context.detector.whole_odds(seen.rows), sets.like)
+        odds = (_SET_WEIGHT * odds + whole).astype(np.float32)
     return Looks(sets.members, odds, sets.like, seen.number, seen.photo, seen.box, seen.rows)
 
 

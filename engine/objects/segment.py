@@ -10,6 +10,7 @@ from scipy.special import expit
 
 from ..core.arrays import Float64, Mask
 from ..core.errors import PromptError
+from ..core.parts import part
 from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
 from .choosing import answers_of, offers_of
@@ -20,7 +21,7 @@ from .lifting import FoundObject, isolate_object, levels_of_each
 from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
-from .proposals import LEAST_PROBABILITY, apart
+from .proposals import LEAST_PROBABILITY, choose_sets
 from .settings import SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
@@ -148,7 +149,8 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
     if len(taught):
         scores = looks.scores_of_examples(taught, others, context.detector, text if check.known else "")
     else:
-        scores = looks.scores(text, context)
+        with part("comparing with the word"):
+            scores = looks.scores(text, context)
     if not scores.any():
         raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
     answers, found = answers_of(looks, scores, context.settings), []
@@ -170,7 +172,8 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
                 list(dict.fromkeys(fitting)),
             )
     for done, (number, score) in enumerate(answers, start=1):
-        found.append(isolate_object(context, [looks.evidence(number, score, context)]))
+        with part("isolating"):
+            found.append(isolate_object(context, [looks.evidence(number, score, context)]))
         context.tell(done / len(answers), "Isolating")
     return found
 
@@ -196,7 +199,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """
     looks = load_or_build_looks(context.part(0, 2))
     context = context.part(1, 2)
-    chosen = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
+    chosen = choose_sets(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
     # Where two reach into each other, the likelier object keeps its Gaussians.

@@ -12,6 +12,7 @@ from .. import __version__
 from ..cameras.settings import CameraSettings
 from ..core.errors import ProjectError
 from ..core.events import Emit, StageStarted, StopCheck
+from ..core.parts import part
 from ..masks import MasksBeside
 from ..masks.settings import MaskSettings
 from ..objects.settings import SegmentSettings
@@ -20,9 +21,10 @@ from ..photos.settings import PhotoSettings, VideoSettings
 from ..project.folder import ProjectFolder
 from ..rasterizer import Device, choose_training_device
 from ..scene import PhotoSet
+from .first_picture import MIN_PHOTOS, FirstPicture
 from .planning import (
+    PlannedWork,
     PlanSettings,
-    WorkPlan,
     choose_photos,
     kept_sizes,
     plan_and_forecast,
@@ -67,6 +69,8 @@ class PipelineSettings:
         Make such masks, which leave out the background, with Segment Anything.
     prompts : tuple of str
         Objects to isolate at the end, as text.
+    is_followed : bool
+        Whether someone sees the previews of the run, who gets a first picture while the cameras are estimated.
     """
 
     photos: PhotoSettings = field(default_factory=PhotoSettings)
@@ -78,6 +82,7 @@ class PipelineSettings:
     photo_masks: Path | None = None
     mask_background: bool = False
     prompts: tuple[str, ...] = ()
+    is_followed: bool = False
 
 
 def reconstruct(
@@ -134,13 +139,16 @@ class _Run:
     def run(self, until: str) -> None:
         """Do the stages up to `until`."""
         wanted = STAGES[: STAGES.index(until) + 1]
-        self.photos()
-        self._plan(wanted)
+        with part("photos"):
+            self.photos()
+        with part("planning"):
+            self._plan(wanted)
         stages = [self.cameras, self.masks, self.training, self.objects, self.report]
         if later := stages[: len(wanted) - 1]:
             try:
                 for stage in later:
-                    stage()
+                    with part(stage.__name__):
+                        stage()
             finally:
                 # The finished stages inform the next forecast, also when the others were stopped.
                 update_calibration(self._project, self._runner.computed, *self._planned)
@@ -185,7 +193,8 @@ class _Run:
         store_forecast(project, work, forecast)
         # Masks of an earlier run are kept until the masks stage replaces them.
         makes_masks = "masks" in wanted and self._runner.key_of("masks") is None
-        self._may_start_masks = forecast.masks_beside and makes_masks
+        self._may_start_masks = forecast.masks_beside > 0 and makes_masks
+        self._may_start_picture = settings.is_followed and forecast.picture_beside and "training" in wanted
 
     def _find_device(self) -> Device:
         return choose_training_device(self._settings.plan.device)
@@ -199,14 +208,20 @@ class _Run:
     def cameras(self) -> None:
         """Estimate or read the cameras, and name the photos that get masks."""
         work = self._planned.work
-        self._beside = None
+        self._beside: MasksBeside | None = None
+        self._first_picture: FirstPicture | None = None
         if self._may_start_masks:
             self._beside = self._running.enter_context(
-                _masks_beside(self._project, self._photo_set, work, self._settings)
+                _masks_beside(self._project, self._photo_set, self._planned, self._settings)
             )
+        if self._may_start_picture and len(self._photo_set.photos) >= MIN_PHOTOS:
+            lens, emit = self._settings.cameras.model, self._runner.emit
+            picture = FirstPicture(self._project.path, self._photo_set, lens, emit)
+            self._first_picture = self._running.enter_context(picture)
+            self._runner = replace(self._runner, should_stop=picture.watched_by(self._runner.should_stop))
         self._camera_set = cameras_stage(
             self._runner, self._photo_set, self._settings.cameras, camera_model=self._settings.camera_model,
-            masks_beside=self._beside,
+            beside=[one for one in (self._first_picture, self._beside) if one is not None],
         )  # fmt: skip
         self._scene_plan = plan_scene(work, self._camera_set)
         self._project.put("plan", asdict(self._scene_plan))
@@ -219,6 +234,8 @@ class _Run:
 
     def training(self) -> None:
         """Train the Gaussians."""
+        if self._first_picture is not None:
+            self._first_picture.end()
         work, cameras_key = self._planned.work, self._runner.key_of("cameras")
         masks_key = self._runner.key_of("masks") if self._label_maps else cameras_key
         given = TrainingInput(self._photo_set, self._camera_set, self._label_maps, cameras_key, masks_key)
@@ -255,14 +272,15 @@ def _input_of(photos: Path, settings: PipelineSettings) -> ReconstructionInput:
 
 
 def _masks_beside(
-    project: ProjectFolder, photo_set: PhotoSet, work: WorkPlan, settings: PipelineSettings
+    project: ProjectFolder, photo_set: PhotoSet, planned: PlannedWork, settings: PipelineSettings
 ) -> MasksBeside:
     """Return what makes masks of the photos that the plan will name if all of them get a camera."""
     names = sorted(photo.name for photo in photo_set.photos)
     return MasksBeside(
         project.path / "photos" / "photos.json",
         photo_set.folder,
-        choose_photos(work, names)[1],
+        choose_photos(planned.work, names)[1],
         project.path / "masks",
         settings.masks,
+        n_processes=planned.forecast.masks_beside,
     )

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..core.errors import Cancelled
-from ..core.events import Emit, StageFinished, StageStarted, StopCheck, Warned
+from ..core.events import Emit, Event, Progress, StageFinished, StageStarted, StopCheck, Warned
 from ..core.files import delete_derived
+from ..core.parts import part
 from ..core.system import PeakMemory, cpu_seconds
 from ..project.folder import ProjectFolder
 from ..project.provenance import describe_run
 
-__all__ = ["StageRunner"]
+__all__ = ["StageRunner", "parts_by_message"]
 
 _BEGUN = "begun"
 """Name in ``project.json`` of the stage that was begun last and its key: what it took is then not measured whole."""
@@ -73,17 +76,18 @@ class StageRunner:
                 delete_derived(self.project.path, *PurePosixPath(name).parts)
             with PeakMemory.of() as peak:
                 figures = compute()
-            self.project.finish_stage(
-                stage,
-                key,
-                wall_seconds=time.perf_counter() - wall,
-                cpu_seconds=cpu_seconds() - cpu,
-                figures=figures,
-                peak_memory=peak.bytes,
-                continued=continued,
-                outputs=outputs,
-                run=describe_run(settings),
-            )
+            with part("writing"):
+                self.project.finish_stage(
+                    stage,
+                    key,
+                    wall_seconds=time.perf_counter() - wall,
+                    cpu_seconds=cpu_seconds() - cpu,
+                    figures=figures,
+                    peak_memory=peak.bytes,
+                    continued=continued,
+                    outputs=outputs,
+                    run=describe_run(settings),
+                )
             self.computed.append(stage)
         self.emit(StageFinished(stage, time.perf_counter() - wall, reused))
 
@@ -102,3 +106,21 @@ class StageRunner:
         """Return the key that `stage` was done with, None while it is not done."""
         record = self.project.stage_record(stage)
         return None if record is None else record["key"]
+
+
+@contextlib.contextmanager
+def parts_by_message(emit: Emit) -> Iterator[Emit]:
+    """Yield an `emit` by which each message of progress, without its numbers, names the part that begins there."""
+    with contextlib.ExitStack() as present:
+        shown = ""
+
+        def emit_and_book(event: Event) -> None:
+            nonlocal shown
+            name = " ".join(re.sub(r"\d+( of)?", "", event.message).split()) if isinstance(event, Progress) else ""
+            if name not in ("", shown):
+                present.close()
+                present.enter_context(part(name))
+                shown = name
+            emit(event)
+
+        yield emit_and_book

@@ -8,7 +8,7 @@ packages are imported inside the functions, so that a stage that is reused costs
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from ..cameras.settings import CameraSettings
 from ..core.errors import EnvironmentProblem, FormatError, ProjectError
 from ..core.events import Progress, Warned
 from ..core.files import delete_derived, file_sha256, record_of, write_json
+from ..core.parts import part
 from ..core.settings import to_dict
 from ..masks import MasksBeside
 from ..masks.settings import MaskSettings
@@ -26,9 +27,10 @@ from ..project.folder import SCENE_OUTPUT, ProjectFolder, stage_key
 from ..rasterizer import PROCESSOR, Device, device_words, run_on, training_stopped
 from ..scene import CameraSet, PhotoSet
 from ..training.settings import TrainingSettings
+from .first_picture import FirstPicture
 from .objects_stage import forget_found_objects, objects_stage
 from .planning import ScenePlan
-from .runner import StageRunner
+from .runner import StageRunner, parts_by_message
 
 __all__ = [
     "STAGES",
@@ -78,12 +80,16 @@ def photos_stage(
     own_masks = runner.project.path / "photos" / "masks"
 
     def compute() -> dict[str, Any]:
-        photo_set = read_photos(folder, settings, masks=photo_masks, emit=runner.emit, should_stop=runner.should_stop)
+        with part("reading photos"):
+            photo_set = read_photos(
+                folder, settings, masks=photo_masks, emit=runner.emit, should_stop=runner.should_stop
+            )
         if stored.exists():
             _require_same_scene(runner.project, folder, photo_set, stored)
         if background_sam is not None:
             photo_set = _with_foreground_masks(runner, photo_set, own_masks, background_sam)
-        statistics = inspect_photos(photo_set, should_stop=runner.should_stop)
+        with part("inspecting photos"):
+            statistics = inspect_photos(photo_set, should_stop=runner.should_stop)
         runner.before_replacing_outputs("photos")
         write_photo_set(stored, photo_set)
         write_json(stored_statistics, [asdict(photo) for photo in statistics])
@@ -141,7 +147,7 @@ def cameras_stage(
     settings: CameraSettings,
     *,
     camera_model: Path | None,
-    masks_beside: MasksBeside | None = None,
+    beside: Sequence[MasksBeside | FirstPicture] = (),
 ) -> CameraSet:
     """Estimate the cameras of the photos, or read them from `camera_model`. If they change, training is no longer done.
 
@@ -152,8 +158,8 @@ def cameras_stage(
     settings : CameraSettings
     camera_model : Path or None
         Cameras of another program to read instead of estimating, see `engine.cameras.read_cameras`.
-    masks_beside : MasksBeside or None
-        Started when cameras are estimated.
+    beside : sequence of MasksBeside or FirstPicture
+        What is started when cameras are estimated.
     """
     from ..scene import read_camera_set, write_camera_set
 
@@ -175,11 +181,12 @@ def cameras_stage(
             for old in folder.glob("sfm-*"):
                 if old != work_folder:
                     delete_derived(folder, old.name)
-            if masks_beside is not None:
-                masks_beside.start()
-            camera_set = estimate_cameras(
-                photo_set, work_folder, settings, emit=runner.emit, should_stop=runner.should_stop
-            )
+            for other in beside:
+                other.start()
+            with parts_by_message(runner.emit) as emit:
+                camera_set = estimate_cameras(
+                    photo_set, work_folder, settings, emit=emit, should_stop=runner.should_stop
+                )
         runner.before_replacing_outputs("cameras")
         write_camera_set(folder, camera_set)
         # Not those of before: COLMAP's poses depend on the number of threads. A scene fits only the cameras that it
@@ -241,7 +248,8 @@ def masks_stage(
         from ..masks import SegmentAnything, card_encodes, load_sam, make_masks, sam_threads
 
         start = time.perf_counter()
-        made_before = beside.end() if beside is not None else None
+        with part("made beside the cameras"):
+            made_before = beside.end() if beside is not None else None
         if made_before is not None and made_before.problem:
             runner.emit(Warned(f"Not all photos were segmented beside the cameras: {made_before.problem}"))
 
@@ -249,10 +257,12 @@ def masks_stage(
             may_use_gpu = True
             if gpu_provider_is_installed():
                 # First in a process of its own: a driver that crashes would end the run.
-                may_use_gpu, sentence = card_encodes()
+                with part("self-test of the card"):
+                    may_use_gpu, sentence = card_encodes()
                 if not may_use_gpu:
                     runner.emit(Warned(sentence))
-            return load_sam(settings.model, threads=sam_threads(settings), may_use_gpu=may_use_gpu)
+            with part("loading models"):
+                return load_sam(settings.model, threads=sam_threads(settings), may_use_gpu=may_use_gpu)
 
         # Label maps are replaced one by one.
         runner.before_replacing_outputs("masks")
@@ -347,15 +357,17 @@ def training_stage(
 
         checkpoints = runner.project.path / "checkpoints"
         delete_old_runs(checkpoints, keep=key[:12])
-        views = load_views(
-            given.photo_set.folder,
-            given.camera_set,
-            given.label_maps,
-            settings,
-            photo_masks=given.photo_set.mask_files,
-            should_stop=runner.should_stop,
-        )
-        start = start_gaussians(given.camera_set, views, settings, emit=runner.emit)
+        with part("reading photos"):
+            views = load_views(
+                given.photo_set.folder,
+                given.camera_set,
+                given.label_maps,
+                settings,
+                photo_masks=given.photo_set.mask_files,
+                should_stop=runner.should_stop,
+            )
+        with part("first Gaussians"):
+            start = start_gaussians(given.camera_set, views, settings, emit=runner.emit)
         device = find_device()
         words = device_words(device.name, device.reason)
         runner.emit(Progress("training", 0.0, message=f"training on {words}"))
@@ -371,7 +383,8 @@ def training_stage(
             )
         except EnvironmentProblem as problem:
             raise training_stopped(device, problem) from problem
-        save_gaussians(folder, result.gaussians, before_replacing=before_replacing)
+        with part("writing"):
+            save_gaussians(folder, result.gaussians, before_replacing=before_replacing)
         return {
             **result.figures,
             "preset": preset,

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar
 
 from ..core.child_process import ChildFailure, run_in_child
 from ..core.errors import EnvironmentProblem
+from ..core.parts import part
 from ..core.system import card_memory
 
 __all__ = [
@@ -195,14 +196,20 @@ def training_stopped(device: Device, problem: EnvironmentProblem) -> Environment
 def look_for_card() -> Device:
     """Return the card, or the processor with the reason, in a process of its own: a driver may crash or hang."""
     try:
-        answer = run_in_child(
-            "rasterizer.devices:describe_cards", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
-            what="testing the graphics card",
-        )  # fmt: skip
+        with part("self-test of the card"):
+            answer = run_in_child(
+                "rasterizer.devices:describe_cards", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
+                what="testing the graphics card",
+            )  # fmt: skip
     except ChildFailure as failure:
         reason = str(failure).rstrip(".")
         return Device(reason=f"{reason[:1].lower()}{reason[1:]}", found=f"{reason}; update its driver")
-    return Device(**answer)
+    device = Device(**answer)
+    if device.backend == "gpu":
+        from .gpu import passed_elsewhere
+
+        passed_elsewhere(device.name)
+    return device
 
 
 def describe_cards() -> dict[str, Any]:

@@ -12,35 +12,37 @@ import torch
 
 from ..core.errors import Cancelled, DiskError
 from ..core.events import Emit, Metric, Preview, Progress, StopCheck, Warned
+from ..core.parts import part
 from ..install.models import one_thread
 from ..scene import Gaussians
 from .adam import AdamState
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .compilation import compile_kernels
-from .coverage import Coverage
+from .coverage import Coverage, reduced_camera
 from .cpu_steps import CpuSteps
 from .guards import check_result, check_start, clamp_parameters, translate_out_of_memory
 from .held_out import MAX_MEASURED_PHOTOS, Clock, CurvePoint, flat_psnr, mean_color, measure, write_picture
 from .parameters import Parameters
 from .quality import measure_levels
 from .result import TrainingResult, make_result
-from .schedule import Schedule
-from .settings import TEST_PHOTOS, TrainingSettings
+from .schedule import THIN, Schedule
+from .settings import PREVIEW_FILE, TEST_PHOTOS, TrainingSettings
 from .spectrum import coarse_shares
 from .start import StartPoints
 from .steps import Inputs, Steps
+from .thinning import MAX_CAMERAS, SIDE, changes_by_removal, thin
 from .transients import find_transients
 from .trials import Trial, brightness_factors, exposure_corrected_quality
 from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
 
-__all__ = ["PREVIEW_FILE", "train"]
+__all__ = ["train"]
 
 STAGE = "training"
 
-PREVIEW_FILE = "preview.png"
-"""Name of the preview picture in the folder of the checkpoints."""
-
 CANCELLED_MESSAGE = "Training was cancelled; the next run continues from where it stopped."
+
+FIRST_PREVIEW_SECONDS = 2.0
+"""Time of the first preview after the start."""
 
 EVENT_INTERVAL = 1.0
 """Shortest time between two progress events, seconds."""
@@ -116,10 +118,12 @@ def train(
         # Not in the first step, because the clock of the error curve must not include work done once per computer.
         if settings.backend == "cpu":
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
-            compile_kernels()
+            with part("compilation"):
+                compile_kernels()
         elif settings.backend == "gpu":
             emit(Progress(STAGE, 0.0, message="testing the graphics card"))
-        run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop, background)
+        with part("preparing the steps"):
+            run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop, background)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
             run.emit_curve(run.state.curve)
@@ -127,10 +131,12 @@ def train(
             if should_stop():
                 run.write_checkpoint()
                 raise Cancelled(CANCELLED_MESSAGE)
-            run.advance()
+            with part("steps"):
+                run.advance()
             run.report()
-        run.check()
-        return run.result()
+        with part("measurements"):
+            run.check()
+            return run.result()
 
 
 class _TrainingRun:
@@ -180,7 +186,10 @@ class _TrainingRun:
         self._loss = float("nan")
         self._steps_at_once = 1
         self._warned_of_preview = False
-        self._reported = self._previewed = self._stored = time.monotonic()
+        self._reported = self._stored = time.monotonic()
+        # The first preview after some steps, not only after the time between two.
+        interval = settings.measurement.preview_seconds
+        self._previewed = self._reported + min(FIRST_PREVIEW_SECONDS, interval) - interval
         if not held_out:
             emit(Warned("There are too few photos for test photos; errors are measured on the training photos."))
 
@@ -229,6 +238,7 @@ class _TrainingRun:
         yield self.settings.schedule.steps
         yield from schedule.curve_steps
         yield from schedule.trials
+        yield from schedule.thinnings
         yield from schedule.searches_for_transients
         yield schedule.validation_until
         if self.steps.checkpoint_seconds is None:
@@ -289,6 +299,8 @@ class _TrainingRun:
             self._steps_at_once = max(1, min(int(fitting), MAX_STEPS_AT_ONCE))
             if state.step in schedule.searches_for_transients:
                 self._search_transients()
+            if state.step in schedule.thinnings:
+                self._thin(schedule.thinnings[state.step])
             if schedule.reductions(state.step) != reductions:
                 self.pyramid.free_smaller_levels(schedule.reductions(state.step))
 
@@ -307,17 +319,33 @@ class _TrainingRun:
         self.state.transient_masks = {view: mask for view, mask in enumerate(masks) if mask is not None}
         self.pyramid.mask_pixels(self.state.transient_masks)
 
+    def _thin(self, n: int) -> None:
+        """Remove the Gaussians that the pictures need least, until `n` are left."""
+        state, schedule = self.state, self.schedule
+        self.steps.store()
+        views = schedule.trained_on(state.step)
+        cameras = [self.pyramid.views[views[i]].pinhole for i in evenly_spaced_indices(len(views), MAX_CAMERAS)]
+        changes = changes_by_removal(
+            state.parameters.values, [reduced_camera(camera, SIDE) for camera in cameras],
+            backend=self.settings.backend, sh_degree=self._sh_degree(), generator=schedule.generator(state.step, THIN),
+        )  # fmt: skip
+        thin(state.parameters, changes, n)
+        self.steps.use(state, schedule)
+
     def report(self) -> None:
         """Measure the error, write the preview and a checkpoint, and emit progress, each when it is due."""
         state, now = self.state, time.monotonic()
         finished = self.finished
         if state.step in self.schedule.curve_steps or finished:
-            self._measure()
+            with part("measurements"):
+                self._measure()
         if now - self._previewed >= self.settings.measurement.preview_seconds or finished:
             self._previewed = now
-            self._preview()
+            with part("previews"):
+                self._preview()
         if self._checkpoint_is_due(now) or finished:
-            self.write_checkpoint()
+            with part("writing"):
+                self.write_checkpoint()
         self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}", finished=finished)
 
     def _checkpoint_is_due(self, now: float) -> bool:

@@ -92,6 +92,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         photo_masks=options.photo_masks,
         mask_background=options.mask_background,
         prompts=prompts,
+        is_followed=options.events,
     )
     project = reconstruct(
         options.photos, options.out, settings, emit=emit, should_stop=should_stop, until=options.until

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...cameras import training_pinhole
 from ...core.errors import FormatError, ObjectError, PhotoError
 from ...core.files import atomic_write, delete_derived, finite_or_null, write_json
+from ...core.parts import part
 from ...pictures import Backend, Scene, write_png
 from ...project.folder import ProjectFolder
 from ...project.objects import list_objects, load_membership, object_gaussians
@@ -77,11 +78,12 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
         cameras = read_camera_set(project.path / "cameras").by_photo
         training = facts["training"]
         if not training.get("feature_agreement"):
-            training["feature_agreement"] = _feature_agreement(project, cameras, training, gaussians, backend)
-        pictures = Pictures(
-            held_out=_held_out_pairs(project, cameras, training, gaussians, backend),
-            objects=_object_pictures(project, cameras, gaussians, backend),
-        )
+            with part("measurements"):
+                training["feature_agreement"] = _feature_agreement(project, cameras, training, gaussians, backend)
+        with part("pictures of test photos"):
+            held_out = _held_out_pairs(project, cameras, training, gaussians, backend)
+        with part("pictures of objects"):
+            pictures = Pictures(held_out, _object_pictures(project, cameras, gaussians, backend))
     folder = project.path / "report"
     names = {record["id"]: str(record["name"]) for record in facts["objects"]}
     sheet = picture_sheet([(names[key], sides) for key, sides in pictures.objects.items()], PAPER_WHITE)

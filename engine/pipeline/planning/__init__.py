@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from .memory_check import require_enough_memory
     from .outcome import update_calibration
     from .plan_text import format_plan, format_presets
-    from .planned_work import plan_and_forecast, plan_presets, store_forecast
+    from .planned_work import PlannedWork, plan_and_forecast, plan_presets, store_forecast
 
 __all__ = [
     "Calibration",
+    "PlannedWork",
     "PlanSettings",
     "ScenePlan",
     "WorkPlan",

@@ -96,6 +96,9 @@ _SERIAL_SHARE = {
 _MAX_CORES = {"masks": 2}
 """Largest number of cores that a stage can use. SAM encodes a photo on one and decodes clicks on the other."""
 
+_MAX_MASK_PROCESSES = 8
+"""Masks beside the cameras: largest number of processes. Each loads SAM."""
+
 _BARE_PYTHON_BYTES = 65_000_000
 """Memory of Python without the engine's libraries."""
 _PYTHON_BYTES = 500_000_000
@@ -124,6 +127,8 @@ _GAUSSIAN_FEATURE_BYTES = 256
 """Training: additional bytes per Gaussian for blending its segmentation features."""
 _DRIVER_BYTES = 300_000_000
 """Training on a graphics card: memory of its driver in this process."""
+_FIRST_PICTURE_BYTES = 1_000_000_000  # chosen on museum_room
+"""Memory of the process that makes a first picture while the cameras are estimated."""
 _VIEW_GAUSSIAN_BYTES = 130
 """Objects: bytes per Gaussian and photo of the views that are kept."""
 _MAX_VIEW_BYTES = 500_000_000
@@ -174,8 +179,11 @@ class Forecast:
         Number of earlier runs on this machine that corrected the forecast.
     device : str
         What training is forecast for, see `Device.name`.
-    masks_beside : bool
-        Whether masks can be made while the cameras are estimated: there is another core, and memory for both.
+    masks_beside : int
+        Number of processes that can make masks while the cameras are estimated; 0 without another core, or without
+        memory for both.
+    picture_beside : bool
+        Whether a first picture can be made at the same time: there is memory for it too.
     """
 
     stages: tuple[StageForecast, ...]
@@ -183,7 +191,8 @@ class Forecast:
     cores: int
     n_runs: int
     device: str = "cpu"
-    masks_beside: bool = False
+    masks_beside: int = 0
+    picture_beside: bool = False
 
     @property
     def seconds(self) -> tuple[float, float, float]:
@@ -202,7 +211,7 @@ class Forecast:
         stages = {stage.stage: stage for stage in self.stages}
         if not self.masks_beside or not {"cameras", "masks"} <= stages.keys():
             return 0.0
-        rate = wall_share("masks", self.cores) / wall_share("masks", self.cores - 1)
+        rate = self.masks_beside * wall_share("masks", self.cores) / wall_share("masks", self.cores - 1)
         return min(stages["masks"].seconds, rate * _SERIAL_SHARE["cameras"] * stages["cameras"].cpu_seconds)
 
     @property
@@ -409,15 +418,20 @@ def forecast_work(
     stages += ["masks"] if work.n_mask_photos else []
     stages += ["training"] + (["objects"] if n_prompts else []) + ["report"]
     expected = tuple(_forecast_stage(stage, work, settings, machine, calibration, n_prompts) for stage in stages)
-    needed = sum(stage.memory for stage in expected if stage.stage in ("cameras", "masks"))
-    fits = machine.free_bytes is None or needed <= machine.free_bytes
+    memory = {stage.stage: stage.memory for stage in expected}
+    cameras, masks = memory["cameras"], memory.get("masks", 0)
+    free = math.inf if machine.free_bytes is None else machine.free_bytes
+    estimates, n_masks = machine.cores > 1 and not work.poses_given, 0
+    if estimates and masks:
+        n_masks = int(min(_mask_processes(machine.cores), max(0.0, (free - cameras) / masks)))
     return Forecast(
         expected,
         machine.free_bytes,
         machine.cores,
         calibration.n_runs,
         work.device.name,
-        masks_beside=fits and machine.cores > 1 and work.n_mask_photos > 0 and not work.poses_given,
+        masks_beside=n_masks,
+        picture_beside=estimates and cameras + n_masks * masks + _FIRST_PICTURE_BYTES <= free,
     )
 
 
@@ -449,6 +463,11 @@ def _forecast_stage(
         stage, seconds, seconds / spread, seconds * spread, cpu_seconds, model_cpu,
         int(peak), int(peak / memory_spread), int(peak * memory_spread), model_memory,
     )  # fmt: skip
+
+
+def _mask_processes(cores: int) -> int:
+    """Return the number of processes that make masks beside the cameras: each takes two cores, half of all are left."""
+    return max(1, min(_MAX_MASK_PROCESSES, cores // 4))
 
 
 def wall_share(stage: str, cores: int) -> float:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .self_test import open_gpu
     from .shaders import RENDERING, Sources
     from .submissions import Dispatch, Submissions, Timings, encode, run_together, wait_until_done
+    from .tested import has_passed_elsewhere, passed_elsewhere
     from .workspace import PLACES, STORAGE, Workspace
 
 __all__ = [
@@ -42,9 +43,11 @@ __all__ = [
     "describe_adapters",
     "encode",
     "grown_capacity",
+    "has_passed_elsewhere",
     "open_adapter",
     "open_gpu",
     "pack_sh",
+    "passed_elsewhere",
     "rasterize_gpu",
     "run_together",
     "sh_bytes",

@@ -8,12 +8,14 @@ import numpy as np
 import torch
 
 from ...core.errors import EnvironmentProblem
+from ...core.parts import part
 from ...scene import PinholeCamera
 from ..cpu import rasterize_cpu
 from ..raster import RasterInputs
 from ..settings import RasterSettings
 from .adapters import Gpu, open_adapter, translate_card_errors
 from .autograd import rasterize_gpu
+from .tested import has_passed_elsewhere
 
 __all__ = ["check_gpu", "open_gpu"]
 
@@ -54,12 +56,16 @@ def check_gpu(gpu: Gpu) -> None:
 def open_gpu(*, software: bool = False) -> Gpu:
     """Open the best graphics card after a self-test; `software` also accepts the processor, for tests.
 
+    A card that passed it in another process of the run, see `passed_elsewhere`, is not tested again.
+
     Raises
     ------
     EnvironmentProblem
         If there is no card, or it fails the self-test.
     """
-    gpu = open_adapter(software=software)
-    with translate_card_errors(gpu, "use the CPU or update the driver"):
-        check_gpu(gpu)
+    with part("opening the card"):
+        gpu = open_adapter(software=software)
+    if not has_passed_elsewhere(f"{gpu.name} ({gpu.backend})"):
+        with part("self-test of the card"), translate_card_errors(gpu, "use the CPU or update the driver"):
+            check_gpu(gpu)
     return gpu

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.files import read_text
+from ...core.parts import part
 from .. import settings
 from .adapters import Gpu
 from .modules import create_module
@@ -205,10 +206,11 @@ class Kernels:
         key = (sources.path_of(name), entry, n_channels, n_moving)
         if key not in self._pipelines:
             code = kernel_source(sources, name, n_channels, n_moving, float64=self._gpu.float64)
-            module = create_module(self._gpu.device, name, code)
-            self._pipelines[key] = self._gpu.device.create_compute_pipeline(
-                label=name, layout="auto", compute={"module": module, "entry_point": entry}
-            )
+            with part("compilation"):
+                module = create_module(self._gpu.device, name, code)
+                self._pipelines[key] = self._gpu.device.create_compute_pipeline(
+                    label=name, layout="auto", compute={"module": module, "entry_point": entry}
+                )
         return self._pipelines[key]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -42,9 +43,10 @@ def beside(folder: Path, names: list[str] = NAMES) -> MasksBeside:
 
 
 def wait_for_the_end(child: MasksBeside) -> None:
-    """Wait until the child has ended, without taking notice as `subprocess` does."""
-    assert child._child is not None
-    os.waitid(os.P_PID, child._child._process.pid, os.WEXITED | os.WNOWAIT)
+    """Wait until each child has ended, without taking notice as `subprocess` does."""
+    assert child._children
+    for one in child._children:
+        os.waitid(os.P_PID, one._process.pid, os.WEXITED | os.WNOWAIT)
 
 
 @POSIX
@@ -60,6 +62,24 @@ def test_label_maps_are_made_and_the_time_and_memory_of_the_child_counted(folder
     assert cost.peak_memory is not None and cost.peak_memory > 100e6
     assert counted_while_it_worked < 0.5 * counted and cost.seconds > 0
     assert all(read_label_map(label_map_path(folder / "masks", name)).shape == (96, 128) for name in NAMES)
+
+
+@POSIX
+def test_several_processes_make_the_same_label_maps_as_one(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made, places = [], (folder / "photos.json", folder / "photos")
+    monkeypatch.setattr("engine.masks.beside.MIN_PHOTOS_EACH", 1)
+    for n_processes in (1, 8):
+        masks = folder / f"masks by {n_processes}"
+        with MasksBeside(*places, NAMES, masks, FEW_CLICKS, n_processes=n_processes) as children:
+            children.start()
+            # Not more than there are photos for.
+            assert len(children._children) == min(n_processes, len(NAMES))
+            wait_for_the_end(children)
+            cost = children.end()
+        assert cost is not None and cost.problem == "" and cost.peak_memory is not None
+        made.append([read_label_map(label_map_path(masks, name)) for name in NAMES])
+    for one, several in zip(*made, strict=True):
+        assert np.array_equal(one, several)
 
 
 def test_child_that_is_ended_early_leaves_whole_label_maps_and_is_dead(folder: Path) -> None:

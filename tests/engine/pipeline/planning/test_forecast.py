@@ -96,6 +96,19 @@ def test_masks_beside_the_cameras_shorten_the_whole_where_there_is_a_core_and_me
     assert not forecast(plan, known, free=cameras.memory + masks.memory - 1).masks_beside
     assert not forecast(work(32, PlanSettings(wants_objects=False)), known).masks_beside
     assert not forecast(kept, known).masks_beside
+    assert (two.masks_beside, many.masks_beside) == (1, 4)
+    memory = replace(MACHINE, cores=16, free_bytes=cameras.memory + int(2.5 * masks.memory))
+    assert 1 <= forecast_work(plan, training_settings(plan), memory, known).masks_beside < 4
+
+
+def test_first_picture_is_made_where_there_is_a_core_and_memory_beside_cameras_and_masks(known: Calibration) -> None:
+    plan = work(32)
+    cameras, masks = (stage.memory for stage in forecast(plan, known).stages[1:3])
+    assert forecast(plan, known).picture_beside
+    tight = forecast(plan, known, free=cameras + masks)
+    assert tight.masks_beside and not tight.picture_beside
+    assert not forecast(work(32, poses_given=True), known).picture_beside
+    assert not forecast_work(plan, training_settings(plan), replace(MACHINE, cores=1), known).picture_beside
 
 
 def test_more_cores_shorten_wall_time_but_not_cpu_time(known: Calibration) -> None:
@@ -111,6 +124,15 @@ def test_machine_half_as_fast_takes_twice_as_long(known: Calibration) -> None:
     slow = replace(known, benchmark=replace(REFERENCE, training_step=2 * REFERENCE.training_step))
     plan = work(32)
     assert forecast(plan, slow).stages[3].seconds == pytest.approx(2 * forecast(plan, known).stages[3].seconds)
+
+
+def test_masks_follow_the_encoder_and_the_rest_of_the_machine(known: Calibration) -> None:
+    assert REFERENCE.sam_encode is not None
+    fast = replace(known, benchmark=replace(REFERENCE, sam_encode=REFERENCE.sam_encode / 4))
+    plan = work(32)
+    usual, quick = (forecast(plan, one).stages[2].cpu_seconds for one in (known, fast))
+    # Clicks are decoded no faster.
+    assert 0.4 * usual < quick < 0.6 * usual
 
 
 def test_larger_libraries_are_added_to_every_stage_that_loads_them(known: Calibration) -> None:
