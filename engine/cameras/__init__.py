@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .given_check import check_given_cameras
     from .model_places import files_of_model
     from .normalise import normalised_points, normalised_viewmat, original_from_world
-    from .pairs import n_compared_pairs
+    from .pairs import comparison_work
     from .processes import detecting_cores, detection_bytes
     from .sfm import estimate_cameras
     from .undistortion import (
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "comparison_work",
     "SfmWorkspace",
     "check_given_cameras",
     "covering_pinhole",
@@ -38,7 +39,6 @@ __all__ = [
     "has_points",
     "is_point_visible",
     "match_features",
-    "n_compared_pairs",
     "normalised_points",
     "normalised_viewmat",
     "original_from_world",

@@ -1,13 +1,11 @@
-"""Photos that look like each other, found by one descriptor per photo: no pair has to be compared for that.
+"""Photos that show the same, found by one vector per photo: no pair has to be compared for that.
 
-The largest features of a photo are assigned to the words of a codebook, which is learnt from the photos themselves. The
-descriptor of a photo is the sum of the differences between its features and their words (VLAD), each word on its own
-scale, so that a repeated pattern counts once.
+Some features of all photos are the words of a vocabulary. A photo counts how often each word is among the nearest three
+of its features; rare words weigh more (TF-IDF). The cosine of two photos' counts is their similarity.
 
 References
 ----------
-Jegou, Douze, Schmid, Perez, "Aggregating local descriptors into a compact image representation", CVPR 2010.
-Arandjelovic, Zisserman, "All about VLAD", CVPR 2013 (each word normalised on its own).
+Sivic, Zisserman, "Video Google: a text retrieval approach to object matching in videos", ICCV 2003.
 """
 
 from __future__ import annotations
@@ -21,11 +19,9 @@ from ..core.arrays import Float32
 
 __all__ = ["similar_pairs"]
 
-_WORDS = 64
-_SAMPLE = 20_000
-"""Features that the codebook is learnt from."""
-_ROUNDS = 12
-"""Rounds of k-means."""
+_WORDS = 16_384
+_NEAREST = 3
+"""Words that a feature counts for."""
 _ROWS = 512
 """Photos whose similarities are held at a time."""
 
@@ -40,15 +36,19 @@ def similar_pairs(descriptors: Sequence[Float32], *, partners: int, seed: int) -
     partners : int
         Similar photos of a photo at most.
     seed : int
-        Draws the features that the codebook is learnt from.
+        Draws the words.
     """
-    words = _codebook(descriptors, seed)
-    photos = np.stack([_descriptor(features, words) for features in descriptors])
+    every = np.concatenate(list(descriptors))
+    words = every[np.random.default_rng(seed).permutation(len(every))[:_WORDS]]
+    counts = np.stack([_counts(features, words) for features in descriptors])
+    photos_of_word = np.maximum((counts > 0).sum(axis=0), 1)
+    vectors = (np.sqrt(counts) * np.log(len(counts) / photos_of_word)).astype(np.float32)
+    vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)
     found: set[tuple[int, int]] = set()
-    for start in range(0, len(photos), _ROWS):
-        similarity = photos[start : start + _ROWS] @ photos.T
-        own = np.arange(len(similarity))
-        similarity[own, start + own] = -np.inf
+    for start in range(0, len(vectors), _ROWS):
+        similarity = vectors[start : start + _ROWS] @ vectors.T
+        rows = np.arange(len(similarity))
+        similarity[rows, start + rows] = -1.0
         # Sorted in whole and stably: equal photos stay in the order of their names.
         nearest = np.argsort(-similarity, axis=1, kind="stable")[:, :partners]
         for i, row in enumerate(nearest, start):
@@ -56,34 +56,10 @@ def similar_pairs(descriptors: Sequence[Float32], *, partners: int, seed: int) -
     return sorted(found)
 
 
-def _codebook(descriptors: Sequence[Float32], seed: int) -> Float32:
-    """Return the words [W, 128] that k-means finds among the features; fewer where there are fewer features."""
-    rng = np.random.default_rng(seed)
-    every = max(1, -(-_SAMPLE // max(1, len(descriptors))))
-    sample = np.concatenate([features[rng.permutation(len(features))[:every]] for features in descriptors])
-    words = sample[rng.permutation(len(sample))[:_WORDS]]
-    for _ in range(_ROUNDS):
-        nearest = _nearest(sample, words)
-        sums = np.zeros_like(words)
-        np.add.at(sums, nearest, sample)
-        counts = np.bincount(nearest, minlength=len(words))
-        # A word that is nearest to no feature stays where it is.
-        words = np.where(counts[:, None] > 0, sums / np.maximum(counts, 1)[:, None], words).astype(np.float32)
-    return words
-
-
-def _nearest(features: Float32, words: Float32) -> NDArray[np.intp]:
-    """Return the row of the nearest word for each feature [K]."""
-    # |f - w|^2 = |f|^2 - 2 f.w + |w|^2, and |f| is the same for all words.
-    return (features @ words.T - 0.5 * (words**2).sum(axis=1)).argmax(axis=1)
-
-
-def _descriptor(features: Float32, words: Float32) -> Float32:
-    """Return the descriptor of a photo, [W 128], of length 1; zeros for a photo without features."""
-    sums = np.zeros_like(words)
-    if len(features):
-        nearest = _nearest(features, words)
-        np.add.at(sums, nearest, features - words[nearest])
-    for axis in (1, None):
-        sums /= np.maximum(np.linalg.norm(sums, axis=axis, keepdims=True), 1e-9)
-    return sums.ravel()
+def _counts(features: Float32, words: Float32) -> NDArray[np.uint16]:
+    """Return how often each word [W] is among the nearest of a photo's features [K, 128]."""
+    count = min(_NEAREST, len(words))
+    if not len(features):
+        return np.zeros(len(words), np.uint16)
+    nearest = np.argpartition(-(features @ words.T), count - 1, axis=1)[:, :count]
+    return np.bincount(nearest.ravel(), minlength=len(words)).astype(np.uint16)

@@ -12,7 +12,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ...cameras import detecting_cores, detection_bytes, n_compared_pairs
+from ...cameras import comparison_work, detecting_cores, detection_bytes
 from ...cameras.settings import CameraSettings
 from ...core.system import Machine
 from ...training.settings import TrainingSettings
@@ -43,7 +43,7 @@ _PHOTO_MEGAPIXEL_SECONDS = 0.045  # chosen on museum_room, sakharov_statue32
 _FEATURE_MEGAPIXEL_SECONDS = 2.5  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds of feature detection per megapixel of the working copy."""
 _COMPARED_PAIR_SECONDS = 0.001  # chosen on museum_room, sakharov_statue32
-"""Cameras: CPU seconds per pair in the quick comparison that selects promising pairs."""
+"""Cameras: CPU seconds per pair of 600 features in the quick comparison that selects promising pairs."""
 _MATCHED_PAIR_SECONDS = 0.065  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per matched pair."""
 _MAPPING_SECONDS = 0.03  # chosen on museum_room, sakharov_statue32
@@ -304,7 +304,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     if stage == "cameras":
         if work.pairs == "none":
             return _GIVEN_CAMERAS_SECONDS
-        n_compared = n_compared_pairs(n) if work.pairs == "promising" else 0
+        n_compared = comparison_work(n) if work.pairs == "promising" else 0.0
         seconds = (
             n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
             + n_compared * _COMPARED_PAIR_SECONDS

@@ -76,7 +76,7 @@ def test_many_photos_are_compared_with_similar_ones_only_and_the_same_neighbours
     monkeypatch.setattr(pairs_module, "_SIMILAR", 8)
     monkeypatch.setattr(pairs_module, "quick_matches", counted)
     found = promising_pairs(photos, neighbours=2, report=lambda done: None, should_stop=lambda: False)
-    assert len(compared) <= pairs_module.n_compared_pairs(40) == 8 * 40
+    assert len(compared) <= pairs_module.comparison_work(40) == 8 * 40
     # Photos show 80 features, 20 further for each step: three steps apart they share 20.
     near = {(i, j) for i, j in every if min(j - i, 40 - (j - i)) <= 3}
     assert near <= set(found)
