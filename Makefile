@@ -15,22 +15,44 @@ PROMPTS ?=
 PRESET ?= standard
 FUZZ_S ?= 600
 DRAW ?=
-SYSTEM ?=
+SETS ?=
 RUNS ?=
+SYSTEM ?=
 PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help bench-path bench-meshes batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile mixtures bench-raster bench-training test-rooms choosing-rooms real-sets tables lock zip clean
+.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
 
 help: ## what can be made
-	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
+	@awk 'BEGIN {FS = ":.*## "} /^##@ / {print "\n" substr($$0, 5)} \
+		/^[a-z-]+:.*## / {printf "  %-16s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+
+##@ For users
 
 setup: ## make the environments and fetch the model files; again: nothing to do
 	$(PYTHON) scripts/setup_environments.py
 
 demo: setup page ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a, b" PRESET=preview|standard|best
 	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
+
+zip: page ## dist/gaussian_heritage.zip, to be installed in Blender
+	$(BLENDER) scripts/build_extension.py
+
+offline-bundle: setup ## dist/gaussian_heritage_offline.zip: sets up the engine without a network; SYSTEM=windows|macos|linux PYTHON_VERSION=3.11
+	$(ENGINE) -m engine.install.environment bundle dist/gaussian_heritage_offline$(if $(SYSTEM),_$(SYSTEM)).zip \
+		$(if $(SYSTEM),--system $(SYSTEM)) $(if $(PYTHON_VERSION),--python-version $(PYTHON_VERSION))
+
+dist/gaussian_heritage_offline.zip: $(wildcard engine/install/environment/locked-*.txt)
+	$(MAKE) offline-bundle
+
+page: setup ## build the web page of the server; again: nothing to do
+	$(ENGINE) scripts/build_page.py
+
+serve: page ## the web page: upload photos from a browser; DATA=folder; LAN=1: phones in the same network, signed in by a QR code
+	$(ENGINE) -m engine serve --data $(or $(DATA),out/server) $(if $(LAN),--lan --first-user curator)
+
+##@ For developers
 
 test: setup page ## set-up, then all checks and tests, also after one failed; the last lines say what failed
 	$(ENGINE) scripts/run_tests.py --make "$(MAKE)" lint contracts engine-tests blender-tests
@@ -51,8 +73,63 @@ engine-tests: ## everything that needs no Blender
 blender-tests: ## the add-on in each Blender at hand, against the installed zip
 	$(ENGINE) scripts/run_blender_tests.py
 
-bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
-	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
+web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 10 minutes
+	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web
+
+window-test: setup dist/gaussian_heritage_offline.zip ## the way of a curator in a real Blender window; needs root, debootstrap and 5 GB; 15 minutes
+	$(ENGINE) -m benchmarks.rooms render room_6
+	$(ENGINE) scripts/window_test.py --photos out/rooms/room_6/photos --doc docs/window.md
+
+container-test: ## build the container image and use it; needs root, buildah, debootstrap and 12 GB; 10 minutes
+	$(ENGINE) scripts/container_test.py --doc docs/container.md
+
+windows-test: setup page ## the engine on Windows' Python, under Wine; needs root, debootstrap and 16 GB; an hour
+	$(ENGINE) scripts/windows_test.py --doc docs/windows.md
+
+batch-faults: setup ## killed workers, lost schedulers, full disks and other faults of a batch; 3 minutes
+	$(ENGINE) -m pytest -q tests/engine/workers/batch
+
+kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; 40 minutes of two free cores
+	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
+
+fuzz: setup ## damaged inputs to every reader for FUZZ_S seconds, on Linux; writes docs/security_fuzz.md
+	$(ENGINE) -m benchmarks.security.fuzz --seconds $(FUZZ_S) --out docs/security_fuzz.md
+
+hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
+	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md
+
+lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
+	$(PYTHON) scripts/lock_requirements.py
+
+licences: page ## docs/licences.md from the locked files, after `make lock`; needs the network
+	$(ENGINE) scripts/licences.py
+
+release: setup page ## dist/release: extension repository, offline bundles, container recipe, SBOM, checksums; 6 GB, from a commit
+	$(ENGINE) scripts/make_release.py
+
+clean: ## remove results and caches, keep the environments
+	rm -rf out dist build *.egg-info .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+
+##@ For measuring: each writes its table into docs
+
+tables: setup ## the other measured tables of docs, each by its own command; GAUSSIAN_HERITAGE_DATA names the photo sets
+	$(PYTHON) scripts/make_tables.py
+
+test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason freezes HEAD; 12 minutes per room, resumable
+	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --doc docs/segmentation.md
+
+choosing-rooms: setup ## the same in the choosing rooms alone, then keep them in demo/random_rooms/choosing
+	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --rooms choosing --doc docs/segmentation.md
+	$(ENGINE) -m benchmarks.rooms keep
+
+real-sets: setup ## objects of real photos by hand-made masks, into docs/objects.md; GAUSSIAN_HERITAGE_DATA names the photo sets; 20 minutes
+	$(ENGINE) -m benchmarks.real_sets --doc docs/objects.md
+
+mixtures: setup ## 300 mixed photo folders with a known truth, into docs/mixtures.md; 7 CPU minutes
+	$(ENGINE) -m benchmarks.mixtures --doc docs/mixtures.md
+
+stability: ## float32 against float64 in stiff and extreme cases; writes docs/stability.md
+	$(ENGINE) -m engine stability --out docs/stability.md
 
 bench-training: setup ## training on all photo sets beside gsplat, and its parts; 80 minutes of two free cores
 	$(ENGINE) -m benchmarks.rooms render room_6 room_8
@@ -66,46 +143,8 @@ bench-training: setup ## training on all photo sets beside gsplat, and its parts
 		--variants no-features,no-exposure,free-exposure,growth-by-opacity,no-dropout,bands-1 \
 		--title "Parts of the method"
 
-test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason freezes HEAD; 12 minutes per room, resumable
-	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --doc docs/segmentation.md
-
-choosing-rooms: setup ## the same in the choosing rooms alone, then keep them in demo/random_rooms/choosing
-	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --rooms choosing --doc docs/segmentation.md
-	$(ENGINE) -m benchmarks.rooms keep
-
-real-sets: setup ## objects of real photos by hand-made masks, into docs/objects.md; GAUSSIAN_HERITAGE_DATA names the photo sets; 20 minutes
-	$(ENGINE) -m benchmarks.real_sets --doc docs/objects.md
-
-tables: setup ## the other measured tables of docs, each by its own command; GAUSSIAN_HERITAGE_DATA names the photo sets
-	$(PYTHON) scripts/make_tables.py
-
-lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
-	$(PYTHON) scripts/lock_requirements.py
-
-kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; 40 minutes of two free cores
-	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
-
-batch-faults: setup ## killed workers, lost schedulers, full disks and other faults of a batch; 3 minutes
-	$(ENGINE) -m pytest -q tests/engine/workers/batch
-
-bench-batch: setup ## cost of a batch, and workers killed at random moments, into docs/batch.md; 40 minutes of two free cores
-	$(ENGINE) -m benchmarks.batch speed --doc docs/batch.md
-	$(ENGINE) -m benchmarks.batch kills --folders 4 --doc docs/batch.md
-	$(ENGINE) -m benchmarks.batch kills --folders 2 --kills 30 --prompts vase --doc docs/batch.md
-	$(ENGINE) -m benchmarks.batch simulation --doc docs/batch.md
-
-bench-formats: setup ## time, size and memory of exported files beside other programs, into docs/formats.md; 5 minutes
-	$(ENGINE) -m benchmarks.formats speed --doc docs/formats.md
-
-bench-meshes: setup ## meshes of the exhibits of generated rooms beside true ones, into docs/meshes.md; ROOMS="out/rooms/room_1 ..."; a minute an object
-	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md
-
-bench-path: setup ## the path from photos to the report taken apart, into docs/run_time.md; RUNS="FILE.json ..." of other machines; 10 minutes of two free cores
-	$(ENGINE) -m benchmarks.path run --out out/path
-	$(ENGINE) -m benchmarks.path document out/path/path.json $(RUNS) --doc docs/run_time.md
-
-readers-test: setup ## exported files in other programs and viewers; needs npm, Chromium and the project of `make demo`; 5 minutes
-	$(ENGINE) -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md --pictures docs/pictures/formats
+bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
+	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
 
 bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; FUSED_SSIM=folder of its sources; needs a graphics card; 5 minutes
 	$(ENGINE) -m benchmarks.gpu start
@@ -123,37 +162,21 @@ bench-blender: setup ## import, redraw, sliders and pictures in Blender, into do
 	$(ENGINE) -m benchmarks.blender --museum out/museum_room/project --statue out/sakharov_statue32/project \
 		--doc docs/blender_speed.md
 
-hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
-	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md
+bench-meshes: setup ## meshes of the exhibits of generated rooms beside true ones, into docs/meshes.md; ROOMS="out/rooms/room_1 ..."; a minute an object
+	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md
 
-zip: page ## dist/gaussian_heritage.zip, to be installed in Blender
-	$(BLENDER) scripts/build_extension.py
+bench-path: setup ## the path from photos to the report taken apart, into docs/run_time.md; RUNS="FILE.json ..." of other machines; 10 minutes of two free cores
+	$(ENGINE) -m benchmarks.path run --out out/path
+	$(ENGINE) -m benchmarks.path document out/path/path.json $(RUNS) --doc docs/run_time.md
 
-offline-bundle: setup ## dist/gaussian_heritage_offline.zip: sets up the engine without a network; SYSTEM=windows|macos|linux PYTHON_VERSION=3.11
-	$(ENGINE) -m engine.install.environment bundle dist/gaussian_heritage_offline$(if $(SYSTEM),_$(SYSTEM)).zip \
-		$(if $(SYSTEM),--system $(SYSTEM)) $(if $(PYTHON_VERSION),--python-version $(PYTHON_VERSION))
+bench-scale: setup ## cameras of 25 to 300 photos of a generated building and of real sets, into docs/run_time.md; SETS=building_1000 for more; resumable; an hour
+	$(ENGINE) -m benchmarks.scale $(if $(SETS),--sets $(SETS)) --doc docs/run_time.md
 
-dist/gaussian_heritage_offline.zip: $(wildcard engine/install/environment/locked-*.txt)
-	$(MAKE) offline-bundle
+bench-formats: setup ## time, size and memory of exported files beside other programs, into docs/formats.md; 5 minutes
+	$(ENGINE) -m benchmarks.formats speed --doc docs/formats.md
 
-window-test: setup dist/gaussian_heritage_offline.zip ## the way of a curator in a real Blender window; needs root, debootstrap and 5 GB; 15 minutes
-	$(ENGINE) -m benchmarks.rooms render room_6
-	$(ENGINE) scripts/window_test.py --photos out/rooms/room_6/photos --doc docs/window.md
-
-page: setup ## build the web page of the server; again: nothing to do
-	$(ENGINE) scripts/build_page.py
-
-serve: page ## the web page: upload photos from a browser; DATA=folder; LAN=1: phones in the same network, signed in by a QR code
-	$(ENGINE) -m engine serve --data $(or $(DATA),out/server) $(if $(LAN),--lan --first-user curator)
-
-container-test: ## build the container image and use it; needs root, buildah, debootstrap and 12 GB; 10 minutes
-	$(ENGINE) scripts/container_test.py --doc docs/container.md
-
-windows-test: setup page ## the engine on Windows' Python, under Wine; needs root, debootstrap and 16 GB; an hour
-	$(ENGINE) scripts/windows_test.py --doc docs/windows.md
-
-web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 10 minutes
-	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web
+readers-test: setup ## exported files in other programs and viewers; needs npm, Chromium and the project of `make demo`; 5 minutes
+	$(ENGINE) -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md --pictures docs/pictures/formats
 
 bench-packages: setup page ## verify beside sha256sum, and the cost of a package, into docs/records.md; needs the project of `make demo`
 	$(ENGINE) -m benchmarks.packages --project out/museum_room/project --doc docs/records.md
@@ -161,14 +184,11 @@ bench-packages: setup page ## verify beside sha256sum, and the cost of a package
 bench-serve: page ## cost of the web server and its page, into docs/web.md; needs the project of `make demo`; 2 minutes
 	$(ENGINE) -m benchmarks.serve --project out/museum_room/project --doc docs/web.md
 
-stability: ## float32 against float64 in stiff and extreme cases; writes docs/stability.md
-	$(ENGINE) -m engine stability --out docs/stability.md
+bench-batch: setup ## cost of a batch, and workers killed at random moments, into docs/batch.md; 40 minutes of two free cores
+	$(ENGINE) -m benchmarks.batch speed --doc docs/batch.md
+	$(ENGINE) -m benchmarks.batch kills --folders 4 --doc docs/batch.md
+	$(ENGINE) -m benchmarks.batch kills --folders 2 --kills 30 --prompts vase --doc docs/batch.md
+	$(ENGINE) -m benchmarks.batch simulation --doc docs/batch.md
 
-fuzz: setup ## damaged inputs to every reader for FUZZ_S seconds, on Linux; writes docs/security_fuzz.md
-	$(ENGINE) -m benchmarks.security.fuzz --seconds $(FUZZ_S) --out docs/security_fuzz.md
-
-mixtures: setup ## 300 mixed photo folders with a known truth, into docs/mixtures.md; 7 CPU minutes
-	$(ENGINE) -m benchmarks.mixtures --doc docs/mixtures.md
-
-clean: ## remove results and caches, keep the environments
-	rm -rf out dist build *.egg-info .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+video: setup ## a film of the room and three objects, and a picture, into docs/pictures; needs the project of `make demo`; 5 minutes
+	$(ENGINE) -m benchmarks.video --project out/museum_room/project --out docs/pictures

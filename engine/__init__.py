@@ -6,4 +6,5 @@ Data flows one way: photos -> cameras -> masks -> gaussians (training) -> object
 
 __all__ = ["__version__"]
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
+"""The only statement of the version; scripts/build_extension.py writes it into the extension's manifest."""

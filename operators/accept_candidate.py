@@ -8,25 +8,21 @@ import bpy
 from bpy.props import IntProperty, StringProperty
 
 from ..engine.workers.jobs import name_arguments
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from .segmenting import SegmentOperator
 
 __all__ = ["CLASSES"]
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_accept_candidate(SegmentOperator):
     """Isolate this candidate and name it after the prompt"""
 
     bl_idname = "heritage.accept_candidate"
     bl_label = "Isolate Candidate"
 
-    number: Annotated[
-        int, IntProperty(name="Number", description="Number of the candidate", min=1, options={"SKIP_SAVE"})
-    ]
-    name: Annotated[
-        str, StringProperty(name="Name", description="Name of the object; empty: the prompt", options={"SKIP_SAVE"})
-    ]
+    number: Annotated[int, IntProperty(name="Number", description="Number of the candidate", min=1)]
+    name: Annotated[str, StringProperty(name="Name", description="Name of the object; empty: the prompt")]
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""

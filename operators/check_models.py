@@ -8,14 +8,14 @@ import bpy
 from bpy.props import BoolProperty
 
 from ..engine.core.errors import ModelFileError
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.setup.model_files import problems_of
 
 __all__ = ["CLASSES"]
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_check_models(bpy.types.Operator):
     """Check which model files are available and whether they are unchanged"""
 
@@ -24,11 +24,7 @@ class HERITAGE_OT_check_models(bpy.types.Operator):
 
     verify: Annotated[
         bool,
-        BoolProperty(
-            name="Verify",
-            description="Check only required and available files, and report every problem",
-            options={"SKIP_SAVE"},
-        ),
+        BoolProperty(name="Verify", description="Check only required and available files, and report every problem"),
     ]
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -11,12 +11,13 @@ from bpy.props import BoolProperty
 from ..engine.core.errors import HeritageError, ObjectError
 from ..engine.workers.jobs import Click
 from ..gaussian_heritage_addon.blender.problems import sentence_of
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.jobs.click_masks import ClickMasks
 from ..gaussian_heritage_addon.jobs.click_session import CONFIRM_KEYS, ClickSession, EventResult
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.clicking import Viewport
 from ..gaussian_heritage_addon.splats.properties import active_object, set_active_object
+from .project_operator import listed_object
 from .segmenting import SegmentOperator
 from .view_tool import ViewTool, end_active_tool
 
@@ -28,7 +29,7 @@ _HELP = pgettext_n(
 )
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
     """Click an object on its photos. Shift-click what is not part of it, and press Enter to finish"""
 
@@ -36,12 +37,7 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
     bl_label = "Click Object"
 
     refine: Annotated[
-        bool,
-        BoolProperty(
-            name="Correct",
-            description="Correct the selected object instead of isolating a new one",
-            options={"SKIP_SAVE"},
-        ),
+        bool, BoolProperty(name="Correct", description="Correct the selected object instead of isolating a new one")
     ]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -50,9 +46,7 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Look through the camera of a photo and start the modal operator."""
-        target = active_object(context.scene)
-        if self.refine and target is None:
-            raise ObjectError("Select an isolated object in the list first.")
+        target = listed_object(context.scene) if self.refine else active_object(context.scene)
         self._target = "" if target is None else target.name
         # Before the view turns to a photo.
         end_active_tool()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..engine.core.errors import ObjectError
 from ..engine.core.words import split_list
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import blender_properties, call_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.project.hand_edits import (
     add_rows,
@@ -26,7 +26,6 @@ from ..gaussian_heritage_addon.project.hand_edits import (
 from ..gaussian_heritage_addon.project.not_stored import store_arguments
 from ..gaussian_heritage_addon.splats.floaters import find_floaters
 from ..gaussian_heritage_addon.splats.properties import (
-    active_object,
     apply_blending,
     apply_visibility,
     heritage_objects,
@@ -35,27 +34,15 @@ from ..gaussian_heritage_addon.splats.properties import (
     set_active_object,
 )
 from ..gaussian_heritage_addon.splats.splats import SplatScene
-from .needing_project import is_project_open
+from .project_operator import ProjectOperator, listed_object
 
 __all__ = ["CLASSES"]
 
 
-class _ObjectOperator(bpy.types.Operator):
+class _ObjectOperator(ProjectOperator, bpy.types.Operator):
     """An operator for isolated objects of a project."""
 
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
-
-
-def _listed(context: bpy.types.Context) -> bpy.types.Object:
-    obj = active_object(context.scene)
-    if obj is None:
-        raise ObjectError("Select an isolated object in the list first.")
-    return obj
 
 
 def _selected_vertices(obj: bpy.types.Object) -> NDArray[np.intp]:
@@ -93,7 +80,7 @@ class HERITAGE_OT_assign_to_object(_ObjectOperator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Add the selection."""
-        target = _listed(context)
+        target = listed_object(context.scene)
         source, vertices, rows = _selection(context)
         if source == target:
             raise ObjectError(f"The selection is part of {target.name} already. Select another object in the list.")
@@ -123,19 +110,14 @@ class HERITAGE_OT_take_selection(_ObjectOperator):
         return {"FINISHED"}
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_split_object(_ObjectOperator):
     """Make a new object of the Gaussians selected in Edit Mode, and take them from the object that they are part of"""
 
     bl_idname = "heritage.split_object"
     bl_label = "Split Object"
 
-    name: Annotated[
-        str,
-        StringProperty(
-            name="Name", description="Name of the new object; empty: that of the old", options={"SKIP_SAVE"}
-        ),
-    ]
+    name: Annotated[str, StringProperty(name="Name", description="Name of the new object; empty: that of the old")]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Split."""
@@ -156,7 +138,7 @@ def _finish_new(context: bpy.types.Context, splats: SplatScene) -> None:
     set_active_object(context.scene, splats.object)
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_merge_objects(_ObjectOperator):
     """Merge all selected isolated objects into the one that is selected in the list"""
 
@@ -168,13 +150,12 @@ class HERITAGE_OT_merge_objects(_ObjectOperator):
         StringProperty(
             name="Objects",
             description='For scripts: names of the objects to merge in, separated by ";"; empty: the selected ones',
-            options={"SKIP_SAVE"},
         ),
     ]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Merge."""
-        target = _listed(context)
+        target = listed_object(context.scene)
         others = [obj for obj in self._others(context) if obj != target]
         if not others:
             raise ObjectError(f"Select the objects that become part of {target.name} as well (Shift-click).")
@@ -204,7 +185,7 @@ class HERITAGE_OT_delete_object(_ObjectOperator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Delete."""
-        obj = _listed(context)
+        obj = listed_object(context.scene)
         name = obj.name
         with object_mode():
             delete_object(obj)
@@ -249,7 +230,7 @@ class HERITAGE_OT_floaters(_ObjectOperator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Show or remove."""
-        obj = _listed(context)
+        obj = listed_object(context.scene)
         if obj.mode == "EDIT":
             bpy.ops.object.mode_set(mode="OBJECT")
         splats = SplatScene.of(obj)

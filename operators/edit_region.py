@@ -10,17 +10,17 @@ import numpy as np
 from bpy.props import CollectionProperty, EnumProperty
 from numpy.typing import NDArray
 
-from ..engine.core.errors import ObjectError, PromptError
+from ..engine.core.errors import PromptError
 from ..engine.formats import transform_gaussians
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.blender.world_placement import world_matrix
 from ..gaussian_heritage_addon.project.hand_edits import add_rows, take_vertices, whole_of
 from ..gaussian_heritage_addon.project.visible_splats import sight_of_photo, sight_of_viewport
-from ..gaussian_heritage_addon.splats.properties import HeritageClick, active_object, scene_count
+from ..gaussian_heritage_addon.splats.properties import HeritageClick, scene_count
 from ..gaussian_heritage_addon.splats.region_selection import View, in_region
 from ..gaussian_heritage_addon.splats.splats import SplatScene
-from .needing_project import is_project_open
 from .path_drawing import PathOperator
+from .project_operator import ProjectOperator, listed_object
 
 __all__ = ["CLASSES"]
 
@@ -33,8 +33,8 @@ _NAMES = {
 """Labels of the buttons, by action and shape."""
 
 
-@blender_properties
-class HERITAGE_OT_edit_region(PathOperator):
+@call_properties
+class HERITAGE_OT_edit_region(ProjectOperator, PathOperator):
     """Drag around what you mean. Add: it becomes part of the object selected in the list. Take: it leaves the object"""
 
     bl_idname = "heritage.edit_region"
@@ -50,7 +50,6 @@ class HERITAGE_OT_edit_region(PathOperator):
                 ("ADD", "Add", "Add what the region shows of the scene to the object"),
                 ("TAKE", "Take", "Take what the region shows of the object away from it"),
             ],
-            options={"SKIP_SAVE"},
         ),
     ]
     depth: Annotated[
@@ -63,7 +62,6 @@ class HERITAGE_OT_edit_region(PathOperator):
                 ("SURFACE", "Surface", "Only the surface that is seen"),
                 ("THROUGH", "Through", "Also all that is behind it"),
             ],
-            options={"SKIP_SAVE"},
         ),
     ]
     path: Annotated[
@@ -72,18 +70,12 @@ class HERITAGE_OT_edit_region(PathOperator):
             type=HeritageClick,
             name="Path",
             description="For scripts: the corners of the region in pixels of one photo; two corners are those of a box",
-            options={"SKIP_SAVE"},
         ),
     ]
 
     def tool_name(self) -> str:
         """Return the label of its button."""
         return _NAMES[self.action, self.shape]
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the region from the arguments."""
@@ -100,9 +92,7 @@ class HERITAGE_OT_edit_region(PathOperator):
         return self._edit(context, sight_of_viewport(region, view), corners)
 
     def _edit(self, context: bpy.types.Context, view: View, corners: NDArray[np.float64]) -> set[str]:
-        obj = active_object(context.scene)
-        if obj is None:
-            raise ObjectError("Select an isolated object in the list first.")
+        obj = listed_object(context.scene)
         if len(corners) == 2:
             (left, top), (right, bottom) = corners
             corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)], np.float64)

@@ -8,7 +8,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ..gaussian_heritage_addon.blender.drawn_text import draw_text
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.setup.model_files import fetch_arguments, find_model
 from ..gaussian_heritage_addon.setup.preferences import model_folder
@@ -19,14 +19,14 @@ _DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 500, 75
 """Width of the dialog in pixels at the default interface scale, and the number of characters that fit a line."""
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_fetch_model(bpy.types.Operator):
     """Fetch the files of a model. Its licence is shown first. Resumes a download that was stopped"""
 
     bl_idname = "heritage.fetch_model"
     bl_label = "Fetch Model"
 
-    name: Annotated[str, StringProperty(name="Model", options={"SKIP_SAVE"})]
+    name: Annotated[str, StringProperty(name="Model")]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Show the licence and ask for confirmation."""

@@ -16,9 +16,9 @@ from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project.content import default_project_folder
 from ..engine.training.settings import DEFAULT_PRESET, PRESET_LIST
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
-from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.panels.preset_choice import PHOTO_SUFFIXES, draw_presets
 from .dropped_files import DroppedIntoView
+from .project_operator import start_job
 
 __all__ = ["CLASSES"]
 
@@ -168,10 +168,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         arguments += ["--cameras", bpy.path.abspath(self.cameras)] if self.cameras else []
         arguments += ["--photo-masks", bpy.path.abspath(self.masks)] if self.masks else []
         arguments += ["--mask-background"] if self.mask_background else []
-        state = job_runner.start("reconstruct", project, *arguments)
-        message = "Working in the background; see the Heritage panel." if state is None else state.message
-        self.report({"INFO"}, message)
-        return {"FINISHED"}
+        return start_job(self, "reconstruct", project, *arguments)
 
 
 class HERITAGE_FH_photos(DroppedIntoView, bpy.types.FileHandler):

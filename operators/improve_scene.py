@@ -15,19 +15,19 @@ from ..engine.training.settings import PRESET_LIST
 from ..engine.workers.jobs import format_seconds
 from ..gaussian_heritage_addon.blender.drawn_text import draw_text
 from ..gaussian_heritage_addon.blender.open_dialog import forget_dialog, is_drawn
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
-from ..gaussian_heritage_addon.jobs import job_runner, preset_times
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
+from ..gaussian_heritage_addon.jobs import preset_times
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.splats.properties import heritage_objects, project_of
-from .needing_project import is_project_open
+from .project_operator import ProjectOperator, require_stored, start_job
 
 __all__ = ["CLASSES"]
 
 _DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 460, 65
 
 
-@blender_properties
-class HERITAGE_OT_improve_scene(bpy.types.Operator):
+@call_properties
+class HERITAGE_OT_improve_scene(ProjectOperator, bpy.types.Operator):
     """Reconstruct this scene again, in the same project, from the same photos, with a better preset"""
 
     bl_idname = "heritage.improve_scene"
@@ -42,14 +42,8 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
                 ("NEXT", "Next Better", "The preset after that of the scene"),
                 *((one.name, one.label, one.description if one.offered else "") for one in PRESET_LIST),
             ],
-            options={"SKIP_SAVE"},
         ),
     ]
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Say what becomes of the objects, and how long it takes."""
@@ -70,13 +64,8 @@ class HERITAGE_OT_improve_scene(bpy.types.Operator):
         """Start the engine. The result is imported when it has finished."""
         forget_dialog()
         project = project_of(context.scene.heritage)
-        edited = [obj.name for obj in heritage_objects(context.scene, "OBJECT") if obj.heritage.is_edited]
-        if edited:
-            raise SettingsError(f"{', '.join(edited)} was edited by hand. Store its edits first, or undo them.")
-        state = job_runner.start("reconstruct", project, *repeat_arguments(project, self._wanted(project)))
-        message = "Working in the background; see the Heritage panel." if state is None else state.message
-        self.report({"INFO"}, message)
-        return {"FINISHED"}
+        require_stored(heritage_objects(context.scene, "OBJECT"))
+        return start_job(self, "reconstruct", project, *repeat_arguments(project, self._wanted(project)))
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Close the dialog."""

@@ -10,7 +10,7 @@ from bpy.props import CollectionProperty, FloatProperty, StringProperty
 
 from ..engine.core.errors import PromptError
 from ..engine.workers.jobs import Click, click_arguments, text_arguments
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.project.visible_splats import viewport_camera
 from ..gaussian_heritage_addon.splats.properties import HeritageClick
 from .segmenting import SegmentOperator, clicks_of
@@ -20,7 +20,7 @@ __all__ = ["CLASSES"]
 _DIALOG_WIDTH = 350
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_isolate(SegmentOperator):
     """Isolate the objects named in the prompt (separate several with commas), or the object clicked on photos"""
 
@@ -30,38 +30,15 @@ class HERITAGE_OT_isolate(SegmentOperator):
     bl_translation_context = bpy.app.translations.contexts.default
 
     # SKIP_SAVE everywhere: values of one call must not become the defaults of the next.
-    prompt: Annotated[
-        str,
-        StringProperty(
-            name="Prompt", description="The object in English words, for example vase", options={"SKIP_SAVE"}
-        ),
-    ]
-    photo: Annotated[
-        str,
-        StringProperty(
-            name="Photo", description="Name of the clicked photo, instead of a prompt", options={"SKIP_SAVE"}
-        ),
-    ]
-    x: Annotated[
-        float,
-        FloatProperty(name="X", description="Pixels from the left edge of the photo", min=0.0, options={"SKIP_SAVE"}),
-    ]
-    y: Annotated[
-        float,
-        FloatProperty(name="Y", description="Pixels from the top edge of the photo", min=0.0, options={"SKIP_SAVE"}),
-    ]
+    prompt: Annotated[str, StringProperty(name="Prompt", description="The object in English words, for example vase")]
+    photo: Annotated[str, StringProperty(name="Photo", description="Name of the clicked photo, instead of a prompt")]
+    x: Annotated[float, FloatProperty(name="X", description="Pixels from the left edge of the photo", min=0.0)]
+    y: Annotated[float, FloatProperty(name="Y", description="Pixels from the top edge of the photo", min=0.0)]
     clicks: Annotated[
         Sequence[HeritageClick],
-        CollectionProperty(
-            type=HeritageClick,
-            name="Clicks",
-            description="Clicks on one object, instead of a prompt",
-            options={"SKIP_SAVE"},
-        ),
+        CollectionProperty(type=HeritageClick, name="Clicks", description="Clicks on one object, instead of a prompt"),
     ]
-    name: Annotated[
-        str, StringProperty(name="Name", description="Name of the object; empty: the prompt", options={"SKIP_SAVE"})
-    ]
+    name: Annotated[str, StringProperty(name="Name", description="Name of the object; empty: the prompt")]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the words where none are given, as when it is called from a menu."""

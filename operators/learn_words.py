@@ -7,21 +7,16 @@ import bpy
 from ..engine.project.folder import ProjectFolder
 from ..engine.project.own_words import learns_words, set_learning
 from ..gaussian_heritage_addon.splats.properties import project_of
-from .needing_project import is_project_open
+from .project_operator import ProjectOperator
 
 __all__ = ["CLASSES"]
 
 
-class HERITAGE_OT_learn_words(bpy.types.Operator):
+class HERITAGE_OT_learn_words(ProjectOperator, bpy.types.Operator):
     """Objects that you name, click or accept teach their words, which this and other learning projects then find"""
 
     bl_idname = "heritage.learn_words"
     bl_label = "Learn My Words"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Let the project learn, or stop it."""

@@ -1,4 +1,4 @@
-"""What can be done with the jobs and results that the panel lists, each by its number there."""
+"""Operators on the jobs and results that the panel lists, each by its number there."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Annotated
 import bpy
 from bpy.props import IntProperty
 
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 
 __all__ = ["CLASSES"]
 
 
-@blender_properties
+@call_properties
 class _ListedOperator(bpy.types.Operator):
     """Base class: an operator on one entry of a list."""
 
-    number: Annotated[int, IntProperty(name="Number", min=0, options={"SKIP_SAVE"})]
+    number: Annotated[int, IntProperty(name="Number", min=0)]
 
 
 class HERITAGE_OT_continue_job(_ListedOperator):

@@ -13,7 +13,7 @@ from bpy.props import CollectionProperty, EnumProperty, FloatProperty, IntProper
 from ..engine.core.arrays import Float64
 from ..engine.core.errors import ObjectError, SettingsError
 from ..engine.scene import MeasuredDistance, Measurement, Point
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.blender.world_placement import world_matrix
 from ..gaussian_heritage_addon.project.measuring import (
     add_ruler,
@@ -24,7 +24,7 @@ from ..gaussian_heritage_addon.project.measuring import (
 )
 from ..gaussian_heritage_addon.project.visible_splats import SplatsInView, sight_of_photo
 from ..gaussian_heritage_addon.splats.properties import HeritageClick, heritage_objects, project_of
-from .needing_project import is_project_open
+from .project_operator import ProjectOperator
 from .view_clicking import ViewClickOperator
 
 __all__ = ["CLASSES"]
@@ -41,7 +41,7 @@ _HELP = {
 }
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_measure(ViewClickOperator):
     """Click on the splats: the ends of a known distance, points of the ground, north or the origin; or use a ruler"""
 
@@ -61,27 +61,16 @@ class HERITAGE_OT_measure(ViewClickOperator):
                 ("ORIGIN", "Origin", "The point that becomes the origin"),
                 ("RULER", "Ruler", "Two points whose distance is shown"),
             ],
-            options={"SKIP_SAVE"},
         ),
     ]
     metres: Annotated[
         float,
-        FloatProperty(
-            name="Distance",
-            description="The known distance in metres",
-            default=1.0,
-            min=0.0,
-            precision=4,
-            options={"SKIP_SAVE"},
-        ),
+        FloatProperty(name="Distance", description="The known distance in metres", default=1.0, min=0.0, precision=4),
     ]
     points_on_photos: Annotated[
         Sequence[HeritageClick],
         CollectionProperty(
-            type=HeritageClick,
-            name="Points",
-            description="For scripts: pixels of photos instead of clicks in the view",
-            options={"SKIP_SAVE"},
+            type=HeritageClick, name="Points", description="For scripts: pixels of photos instead of clicks in the view"
         ),
     ]
 
@@ -159,17 +148,12 @@ def _sentence(action: str, measurement: Measurement) -> str:
     return {"GROUND": "The ground is level now.", "NORTH": "North is the Y axis now."}.get(action, "The origin is set.")
 
 
-class HERITAGE_OT_ground_from_plane(bpy.types.Operator):
+class HERITAGE_OT_ground_from_plane(ProjectOperator, bpy.types.Operator):
     """Make the plane of the active object the ground: lay a plane on the floor by hand, then press this"""
 
     bl_idname = "heritage.ground_from_plane"
     bl_label = "Ground from Plane"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Use three points of the plane."""
@@ -187,8 +171,8 @@ class HERITAGE_OT_ground_from_plane(bpy.types.Operator):
         return {"FINISHED"}
 
 
-@blender_properties
-class HERITAGE_OT_clear_measurement(bpy.types.Operator):
+@call_properties
+class HERITAGE_OT_clear_measurement(ProjectOperator, bpy.types.Operator):
     """Remove a known distance, or all that was measured. The scene gets its former place and size"""
 
     bl_idname = "heritage.clear_measurement"
@@ -196,16 +180,8 @@ class HERITAGE_OT_clear_measurement(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     distance: Annotated[
-        int,
-        IntProperty(
-            name="Distance", description="Number of the distance to remove; 0: everything", min=0, options={"SKIP_SAVE"}
-        ),
+        int, IntProperty(name="Distance", description="Number of the distance to remove; 0: everything", min=0)
     ]
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Remove."""

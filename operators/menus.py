@@ -8,7 +8,7 @@ __all__ = ["CLASSES", "object_menu"]
 
 
 class HERITAGE_MT_objects(bpy.types.Menu):
-    """What is done with the objects of a Gaussian scene."""
+    """Actions on the objects of a Gaussian scene."""
 
     bl_idname = "HERITAGE_MT_objects"
     bl_label = "Gaussian Heritage"

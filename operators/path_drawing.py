@@ -12,7 +12,7 @@ from bpy.props import EnumProperty
 from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.ruler_view import MARK_COLOR
 from .view_tool import ViewTool
@@ -27,7 +27,7 @@ _MIN_STEP = 4
 """Pixels between two corners of a lasso."""
 
 
-@blender_properties
+@call_properties
 class PathOperator(ViewTool, bpy.types.Operator):
     """Collects the corners of a region; a subclass says what they mean."""
 
@@ -40,7 +40,6 @@ class PathOperator(ViewTool, bpy.types.Operator):
                 ("LASSO", "Lasso", "Drag around what you mean"),
                 ("BOX", "Box", "Drag from one corner of a box to the other"),
             ],
-            options={"SKIP_SAVE"},
         ),
     ]
 

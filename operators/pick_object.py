@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ..engine.core.arrays import Float64
 from ..engine.core.errors import ObjectError
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.project.visible_splats import (
     SplatsInView,
     cameras_of,
@@ -23,7 +23,7 @@ from .view_clicking import ViewClickOperator
 __all__ = ["CLASSES"]
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_pick_object(ViewClickOperator):
     """Click in the 3D view. Select: the isolated object that you see there. Isolate: make an object of what you see"""
 
@@ -42,33 +42,14 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
                 ("SELECT", "Select", "Select the isolated object that is seen at the click"),
                 ("ISOLATE", "Isolate", "Isolate the thing that is seen at the click as a new object"),
             ],
-            options={"SKIP_SAVE"},
         ),
     ]
     photo: Annotated[
-        str,
-        StringProperty(
-            name="Photo",
-            description="For scripts: look through this photo instead of the 3D view",
-            options={"SKIP_SAVE"},
-        ),
+        str, StringProperty(name="Photo", description="For scripts: look through this photo instead of the 3D view")
     ]
-    x: Annotated[
-        float,
-        FloatProperty(
-            name="X", description="For scripts: pixels from the left edge of the photo", options={"SKIP_SAVE"}
-        ),
-    ]
-    y: Annotated[
-        float,
-        FloatProperty(
-            name="Y", description="For scripts: pixels from the top edge of the photo", options={"SKIP_SAVE"}
-        ),
-    ]
-    name: Annotated[
-        str,
-        StringProperty(name="Name", description="Name of an isolated object; empty: object", options={"SKIP_SAVE"}),
-    ]
+    x: Annotated[float, FloatProperty(name="X", description="For scripts: pixels from the left edge of the photo")]
+    y: Annotated[float, FloatProperty(name="Y", description="For scripts: pixels from the top edge of the photo")]
+    name: Annotated[str, StringProperty(name="Name", description="Name of an isolated object; empty: object")]
 
     def tool_name(self) -> str:
         """Return the label of its button."""

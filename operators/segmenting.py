@@ -5,24 +5,18 @@ from __future__ import annotations
 import bpy
 
 from ..engine.workers.jobs import Click
-from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.setup.preferences import sam_arguments
 from ..gaussian_heritage_addon.splats.properties import heritage_objects, project_of
-from .needing_project import is_project_open
+from .project_operator import ProjectOperator, start_job
 
 __all__ = ["SegmentOperator", "clicks_of", "replaced_background"]
 
 
-class SegmentOperator(bpy.types.Operator):
+class SegmentOperator(ProjectOperator, bpy.types.Operator):
     """Runs ``segment`` with the arguments of a subclass. The results are imported when the engine has finished."""
 
     loads_sam = True
     """Whether the engine loads Segment Anything, so that the model set in the preferences is passed on."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask first where something is replaced."""
@@ -42,10 +36,7 @@ class SegmentOperator(bpy.types.Operator):
         """Start the engine."""
         project = project_of(context.scene.heritage)
         options = [*self.segment_arguments(context), *(sam_arguments() if self.loads_sam else [])]
-        state = job_runner.start("segment", project, "segment", str(project), *options)
-        message = "Working in the background; see the Heritage panel." if state is None else state.message
-        self.report({"INFO"}, message)
-        return {"FINISHED"}
+        return start_job(self, "segment", project, "segment", str(project), *options)
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the arguments of ``segment`` after the project folder."""

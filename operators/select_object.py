@@ -8,23 +8,21 @@ import bpy
 from bpy.props import StringProperty
 
 from ..engine.core.errors import ObjectError
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.project.new_objects import show_new_objects
 from ..gaussian_heritage_addon.splats.properties import heritage_objects
 
 __all__ = ["CLASSES"]
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_select_object(bpy.types.Operator):
     """Select this object in the list, and look at it"""
 
     bl_idname = "heritage.select_object"
     bl_label = "Select Object"
 
-    object_id: Annotated[
-        str, StringProperty(name="Object", description="Id of the object in the project", options={"SKIP_SAVE"})
-    ]
+    object_id: Annotated[str, StringProperty(name="Object", description="Id of the object in the project")]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select and frame the object."""

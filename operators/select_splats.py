@@ -14,7 +14,7 @@ from bpy.props import BoolProperty, EnumProperty
 from numpy.typing import NDArray
 
 from ..engine.core.errors import ObjectError
-from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.project.visible_splats import sight_of_viewport
 from ..gaussian_heritage_addon.splats.view_selection import hides_splats, object_seen, objects_within, selectable_splats
 from .path_drawing import PathOperator
@@ -22,7 +22,7 @@ from .path_drawing import PathOperator
 __all__ = ["CLASSES"]
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_select_splats(bpy.types.Operator):
     """Select the splat object that is clicked"""
 
@@ -30,23 +30,10 @@ class HERITAGE_OT_select_splats(bpy.types.Operator):
     bl_label = "Select Splats"
     bl_options = {"UNDO", "INTERNAL"}
 
-    extend: Annotated[
-        bool,
-        BoolProperty(
-            name="Extend", description="Keep what is selected, and select this as well", options={"SKIP_SAVE"}
-        ),
-    ]
-    deselect: Annotated[
-        bool,
-        BoolProperty(name="Deselect", description="Take this out of what is selected", options={"SKIP_SAVE"}),
-    ]
+    extend: Annotated[bool, BoolProperty(name="Extend", description="Keep what is selected, and select this as well")]
+    deselect: Annotated[bool, BoolProperty(name="Deselect", description="Take this out of what is selected")]
     toggle: Annotated[
-        bool,
-        BoolProperty(
-            name="Toggle",
-            description="Select this as well, or take it out where it is active already",
-            options={"SKIP_SAVE"},
-        ),
+        bool, BoolProperty(name="Toggle", description="Select this as well, or take it out where it is active already")
     ]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -101,7 +88,7 @@ class HERITAGE_OT_select_splats(bpy.types.Operator):
         objects.active = obj
 
 
-@blender_properties
+@call_properties
 class HERITAGE_OT_select_splats_within(PathOperator):
     """Select all objects, and splat objects, in a box or a lasso"""
 
@@ -121,7 +108,6 @@ class HERITAGE_OT_select_splats_within(PathOperator):
                 ("XOR", "Difference", "Select those that were not selected, and the other way round"),
                 ("AND", "Intersect", "Keep only those selected that were selected before"),
             ],
-            options={"SKIP_SAVE"},
         ),
     ]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.core.errors import ObjectError
-from ..gaussian_heritage_addon.splats.properties import active_object, apply_visibility, heritage_objects
+from ..gaussian_heritage_addon.splats.properties import apply_visibility, heritage_objects
+from .project_operator import listed_object
 
 __all__ = ["CLASSES"]
 
@@ -20,9 +20,7 @@ class HERITAGE_OT_solo_object(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Hide the others, or show them."""
         scene = context.scene
-        chosen = active_object(scene)
-        if chosen is None:
-            raise ObjectError("No object is selected. Select one in the list.")
+        chosen = listed_object(scene)
         objects = heritage_objects(scene, "OBJECT")
         is_alone = not chosen.heritage.hidden and all(obj.heritage.hidden for obj in objects if obj != chosen)
         for obj in objects:

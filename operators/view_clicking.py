@@ -13,7 +13,7 @@ from ..gaussian_heritage_addon.blender.problems import sentence_of
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.ruler_view import MARK_COLOR
 from ..gaussian_heritage_addon.project.visible_splats import sight_of_viewport
-from .needing_project import is_project_open
+from .project_operator import ProjectOperator
 from .view_tool import ViewTool
 
 __all__ = ["ViewClickOperator"]
@@ -22,17 +22,12 @@ __all__ = ["ViewClickOperator"]
 _MARK_SIZE = 24
 
 
-class ViewClickOperator(ViewTool, bpy.types.Operator):
+class ViewClickOperator(ViewTool, ProjectOperator, bpy.types.Operator):
     """Collects clicks in the 3D view as rays of Blender's world; a subclass says what they mean."""
 
     n_clicks = 0
     """Clicks after which the operator ends; 0: it ends with Enter."""
     help_text = pgettext_n("Click in the view   Backspace: remove the last   Enter: done")
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return is_project_open(cls, context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for clicks in the view."""

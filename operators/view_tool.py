@@ -20,7 +20,7 @@ _MOVES = frozenset(("MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER", "TIMER_REPORT",
 
 
 class _Session:
-    """What a tool has changed in Blender's window, from its begin to its end."""
+    """Changes of a tool in Blender's window, from its begin to its end."""
 
     def __init__(self, context: bpy.types.Context, draw: Callable[[], None]) -> None:
         self.area, self.scene, self._manager = context.area, context.scene, context.window_manager

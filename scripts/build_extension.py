@@ -1,7 +1,8 @@
 """Build the extension's zip with Blender's own tool: ``make zip``.
 
 ``blender_ext.py`` is part of ``bpy`` and does the same as ``blender --command extension build``: it validates
-``blender_manifest.toml`` and writes the zip. The contents of the zip are checked before it gets its final name.
+``blender_manifest.toml`` and writes the zip. The zip is written anew with the version of the engine and without times,
+so that the same files give the same bytes. Its contents are checked before it gets its final name.
 
 example: python scripts/build_extension.py --out dist/gaussian_heritage.zip
 """
@@ -9,6 +10,7 @@ example: python scripts/build_extension.py --out dist/gaussian_heritage.zip
 from __future__ import annotations
 
 import argparse
+import re
 import subprocess
 import sys
 import zipfile
@@ -17,43 +19,68 @@ from pathlib import Path
 from places import PACKAGES, ROOT, python_of
 
 sys.path.insert(0, str(ROOT))
-from engine.core.system import replace_file  # noqa: E402 it imports the standard library alone
+from engine import __version__  # noqa: E402 it imports the standard library alone
+from engine.core.system import replace_file  # noqa: E402 as above
 
 MAX_BYTES = 3_000_000
 """Largest size of the zip. The extension is code only, so a larger zip contains a file that does not belong in it."""
 
-REQUIRED_FILES = ("blender_manifest.toml", "__init__.py", "LICENSE")
+MANIFEST = "blender_manifest.toml"
+REQUIRED_FILES = (MANIFEST, "__init__.py", "LICENSE")
 
 
 def main() -> int:
-    """Build the zip and return 0, or print its problems and return 1."""
+    """Build the zip and return 0, or print its problem and return 1."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--out", type=Path, default=ROOT / "dist" / "gaussian_heritage.zip", help="(default: %(default)s)"
     )
     out = parser.parse_args().out.resolve()
-    tool = find_tool()
-    if tool is None:
-        print(f"Blender's build tool is missing in {python_of('blender-4.5')}; run `make setup`.", file=sys.stderr)
+    if problem := build(out):
+        print(problem, file=sys.stderr)
         return 1
-    out.parent.mkdir(parents=True, exist_ok=True)
-    unchecked = out.with_name(out.name + ".tmp.zip")
-    # `build` validates the manifest, `validate` the zip that users install.
-    build = ["build", "--source-dir", ROOT, "--output-filepath", unchecked]
-    for step in (build, ["validate", unchecked]):
-        command = [python_of("blender-4.5"), tool, *step]
-        result = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
-        if result.returncode:
-            print(f"Blender's tool could not {step[0]} the extension:\n{result.stdout}{result.stderr}", file=sys.stderr)
-            return 1
-    problems = find_problems(unchecked)
-    if problems:
-        print("\n".join(problems), file=sys.stderr)
-        unchecked.unlink()
-        return 1
-    replace_file(unchecked, out)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
     return 0
+
+
+def build(out: Path) -> str:
+    """Write the zip `out`, and return a sentence about a failure, empty when there is none."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    built, unchecked = out.with_name(out.name + ".built.zip"), out.with_name(out.name + ".tmp.zip")
+    # `build` validates the manifest, `validate` the zip that users install.
+    problem = run_tool("build", "--source-dir", ROOT, "--output-filepath", built)
+    if not problem:
+        write_anew(built, unchecked, __version__)
+        built.unlink()
+        problem = run_tool("validate", unchecked) or "\n".join(find_problems(unchecked))
+        if problem:
+            unchecked.unlink()
+        else:
+            replace_file(unchecked, out)
+    return problem
+
+
+def run_tool(*arguments: object) -> str:
+    """Run Blender's tool for extensions, and return a sentence about a failure, empty when there is none."""
+    tool = find_tool()
+    if tool is None:
+        return f"Blender's tool for extensions is missing in {python_of('blender-4.5')}; run `make setup`."
+    command = [python_of("blender-4.5"), tool, *arguments]
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    return f"Blender's tool failed in {arguments[0]}:\n{done.stdout}{done.stderr}" if done.returncode else ""
+
+
+def write_anew(source: Path, target: Path, version: str) -> None:
+    """Write the files of a zip in the order of their names, with one time and mode, and a version in the manifest."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for name in sorted(name for name in old.namelist() if not name.endswith("/")):
+            content = old.read(name)
+            if name == MANIFEST:
+                content = re.sub(rb'^version = ".*"$', f'version = "{version}"'.encode(), content, flags=re.MULTILINE)
+            entry = zipfile.ZipInfo(name)  # the time is that of the beginning of zip files, 1980
+            entry.external_attr = 0o644 << 16
+            entry.create_system = 3  # as on Linux, also where the zip is made on Windows
+            new.writestr(entry, content, zipfile.ZIP_DEFLATED, compresslevel=9)
 
 
 def find_tool() -> Path | None:

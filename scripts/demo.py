@@ -81,6 +81,8 @@ def keep(engine: Path, out: Path, name: str) -> int:
             engine, ["export", project, "--object", name, "--format", "glb-mesh", "--out", file, "--overwrite"]
         )
     print(f"  page            {page}\n  packages        {packages}\n  meshes          {meshes}")
+    print(f"\nOpen first: {page}, in a browser. Turn the scene, and choose an object in the list.")
+    print(f"Then {out / 'scene.blend'}, in Blender with the add-on {out / 'gaussian_heritage.zip'}.")
     return 0
 
 

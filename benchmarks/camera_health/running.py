@@ -21,7 +21,7 @@ from engine.scene import CameraSet
 
 from .cases import Kind, PhotoCase
 
-__all__ = ["Outcome", "is_stored", "run_case"]
+__all__ = ["Outcome", "distances_when_aligned", "is_stored", "run_case"]
 
 
 _OUTCOME = "outcome.json"
@@ -173,9 +173,15 @@ def _position_error(cameras: CameraSet, positions: dict[str, Float64]) -> float 
         return None
     found = np.array([camera.center for camera in known])
     true = np.array([positions[camera.photo] for camera in known])
+    left = distances_when_aligned(found, true)
+    return float(np.median(left) / np.median(np.linalg.norm(true - true.mean(0), axis=1)))
+
+
+def distances_when_aligned(found: Float64, true: Float64) -> Float64:
+    """Return how far positions [N, 3] lie from the true ones [N, 3] after the best similarity, shape [N]."""
     found, true = found - found.mean(0), true - true.mean(0)
     u, s, vt = np.linalg.svd(true.T @ found)
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     scale = (s * np.diag(sign)).sum() / np.square(found).sum()
-    left = np.linalg.norm(scale * found @ (u @ sign @ vt).T - true, axis=1)
-    return float(np.median(left) / np.median(np.linalg.norm(true, axis=1)))
+    aligned = scale * found @ (u @ sign @ vt).T
+    return np.asarray(np.linalg.norm(aligned - true, axis=1))

@@ -27,9 +27,8 @@ from engine.formats import (
     write_spz,
     write_usd,
 )
-from engine.formats.transform import rotations_from_quats
 from engine.pictures import decode_picture, encode_picture
-from engine.scene import Gaussians
+from engine.scene import Gaussians, rotations_from_quats
 
 __all__ = ["reader_rows", "require_node_modules", "splat_transform"]
 

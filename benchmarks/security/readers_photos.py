@@ -72,8 +72,9 @@ def _show_photo(folder: Path) -> object:
 
 
 def _prepare(folder: Path) -> Any:
-    """Continue in the work folder of the cameras: its key, COLMAP's database, copies of the photos and their masks."""
+    """Continue in the work folder of the cameras: its key, COLMAP's database, a share of its pairs, copies, masks."""
     from engine.cameras.features import SfmWorkspace
+    from engine.cameras.matching import match_pairs
     from engine.cameras.settings import CameraSettings
     from engine.cameras.working_copies import write_copies
     from engine.scene import Photo, PhotoSet
@@ -83,6 +84,8 @@ def _prepare(folder: Path) -> Any:
     work = SfmWorkspace(folder / "work", photos, CameraSettings())
     had_all = work.database.is_file()
     write_copies(work.copies, photos.folder, work.images, work.masks, report=lambda _: None, should_stop=lambda: False)
+    if had_all:
+        match_pairs(work.database, [], CameraSettings(), report=lambda _: None, should_stop=lambda: False)
     return work if had_all else None
 
 
@@ -91,7 +94,10 @@ def _write_work_folder(folder: Path) -> None:
 
     _write_masked_photo(folder)
     _prepare(folder)
-    pycolmap.Database.open(folder / "work" / "database.db").close()
+    share = folder / "work" / "shares" / "000"
+    share.mkdir(parents=True)
+    for database in (folder / "work", share):
+        pycolmap.Database.open(database / "database.db").close()
 
 
 def _write_masked_photo(folder: Path) -> None:
@@ -188,7 +194,13 @@ PHOTOS: tuple[Reader, ...] = (
         "camera-work",
         _write_work_folder,
         _prepare,
-        ("work/made_from.json", "work/database.db", "work/images/00000/000000.jpg", "work/masks/00000/000000.jpg.png"),
+        (
+            "work/made_from.json",
+            "work/database.db",
+            "work/shares/000/database.db",
+            "work/images/00000/000000.jpg",
+            "work/masks/00000/000000.jpg.png",
+        ),
     ),
     Reader("photo-in-blender", partial(_write_photo, name="a.jpg", quality=40), _show_photo, ("photos/a.jpg",)),
     Reader("mask-prompt", _write_prompt, _read_prompt, ("mask.png",)),

@@ -1,9 +1,11 @@
 """Quality of training on a graphics card against seconds: ``python -m benchmarks.training.card COMMAND``.
 
-`prepare` writes photos, cameras and segments of sets on a machine with the whole engine. `train` needs these files, a
-graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-evaluator; with ``--backend gsplat``, gsplat
-1.5, with fused-ssim, trains the same views by its own rates and without features. A training that was measured before
-is not repeated. `document` puts the table into a document, between ``<!-- on a card -->`` and its end.
+`prepare` writes photos, cameras and segments of sets on a machine with the whole engine; `prepare-rooms` those of kept
+choosing rooms (`benchmarks.rooms`) without segments, and views off the photos' path, which Blender renders. `train`
+needs these files, a graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-evaluator; with
+``--backend gsplat``, gsplat 1.5, with fused-ssim, trains the same views by its own rates and without features. A
+training that was measured before is not repeated. `document` puts a table into a document, between ``<!-- NAME -->``
+and its end: all results, or those off the path.
 
 A run is STEPS:GAUSSIANS with settings of `standard`, or the name of a preset as the plan uses it on a card.
 
@@ -11,6 +13,9 @@ example: python -m benchmarks.training.card prepare --sets museum_room --sides 6
          python -m benchmarks.training.card train out/card --runs 3000:300000,7000:300000 --seeds 0,1,2
          python -m benchmarks.training.card train out/card --runs standard,best,best:lr_means=8e-4
          python -m benchmarks.training.card document out/card/results --doc FILE.md
+         python -m benchmarks.training.card prepare-rooms --rooms 3,6,8 --out out/off_path
+         python -m benchmarks.training.card train out/off_path --runs preview,standard,best --seeds 0,1
+         python -m benchmarks.training.card document out/off_path/results --doc docs/training.md --table "off the path"
 """
 
 from __future__ import annotations
@@ -22,8 +27,9 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +39,8 @@ from engine.core.errors import HeritageError
 from engine.core.events import ignore_events, never_stop
 from engine.core.files import read_json, write_json
 from engine.pipeline.planning.decisions import steps_for, with_steps
-from engine.scene import CameraSet
+from engine.scene import CameraSet, read_camera_set
 from engine.training import (
-    TrainingResult,
     TrainingView,
     background_gaussians,
     load_views,
@@ -47,13 +52,17 @@ from engine.training import (
 from engine.training.settings import PRESETS, TrainingSettings
 
 from ..documents import put_into
-from .photo_sets import photo_set
+from ..rooms.keeping import KEPT_FOLDER, unpack_room
+from .off_path import OFF_PATH, needles, off_path_figures, off_path_table
+from .photo_sets import ROOT, photo_set
 from .screening.gsplat_training import train_gsplat
 from .screening.jobs import GSPLAT, measured_figures
 from .screening.views_file import read_views, write_views
 
 _MAX_NAME = 160
 _UNBOUNDED = 1 << 62
+_TRUE = "true"
+"""Folder of the true views off the path, beside the views of rooms."""
 _SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
 
 
@@ -65,19 +74,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.add_argument("--sets", required=True)
     one.add_argument("--sides", default="640", help="longest sides of the photos, pixels (default: %(default)s)")
     one.add_argument("--out", type=Path, default=Path("out/card"), help="(default: %(default)s)")
+    one.add_argument("--without-masks", action="store_true", help="for trainings without segmentation features")
     one.set_defaults(run=_prepare)
+    one = commands.add_parser("prepare-rooms", help="write the views of kept rooms, and true views off the path")
+    one.add_argument("--rooms", default="3,6,8", help="numbers of kept rooms (default: %(default)s)")
+    one.add_argument("--out", type=Path, required=True)
+    one.set_defaults(run=_prepare_rooms)
     one = commands.add_parser("train", help="train and measure")
-    one.add_argument("views", type=Path, help="folder written by `prepare`")
+    one.add_argument("views", type=Path, help="folder written by `prepare` or `prepare-rooms`")
     one.add_argument("--runs", required=True, help="STEPS:GAUSSIANS or PRESET[:NAME=VALUE ...], with commas between")
     one.add_argument("--only", default="", help="files whose names begin like this")
     one.add_argument("--seeds", default="0", help="(default: %(default)s)")
     one.add_argument("--backend", default="gpu", choices=("gpu", "cpu", GSPLAT))
     one.set_defaults(run=_train)
-    one = commands.add_parser("document", help="put the table of all results into a document")
+    one = commands.add_parser("document", help="put a table of results into a document")
     one.add_argument("results", type=Path)
     one.add_argument("--doc", type=Path, required=True)
     one.add_argument("--table", default="on a card", help="name of the table in the document (default: %(default)s)")
-    one.set_defaults(run=lambda options: put_into(options.doc, options.table, table(options.results)))
+    one.set_defaults(run=_document)
     options = parser.parse_args(arguments)
     try:
         options.run(options)
@@ -91,12 +105,29 @@ def _prepare(options: argparse.Namespace) -> None:
     bench = TrainingBench(Path("out/training"), preset="standard", objects=False)
     options.out.mkdir(parents=True, exist_ok=True)
     for photos in [photo_set(name) for name in options.sets.split(",")]:
-        prepared = bench.prepared(photos)
+        cameras, label_maps = bench.cameras(photos), {}
+        if not options.without_masks:
+            label_maps = bench.prepared(photos).label_maps
         for side in map(int, options.sides.split(",")):
             settings = PRESETS["standard"].changed(max_side=side)
-            views = load_views(photos.photos, prepared.camera_set, prepared.label_maps, settings)
-            write_views(options.out / f"{photos.name}-{side}.npz", prepared.camera_set, views)
+            views = load_views(photos.photos, cameras, label_maps, settings)
+            write_views(options.out / f"{photos.name}-{side}.npz", cameras, views)
             sys.stderr.write(f"{photos.name}, {side} pixels: {len(views)} views\n")
+
+
+def _prepare_rooms(options: argparse.Namespace) -> None:
+    from .off_path_views import true_views  # Not on the machine with the card: it needs every package of the engine.
+
+    (options.out / _TRUE).mkdir(parents=True, exist_ok=True)
+    for number in map(int, options.rooms.split(",")):
+        name = f"room_{number}"
+        with tempfile.TemporaryDirectory() as folder:
+            room = Path(folder) / name
+            unpack_room(ROOT / KEPT_FOLDER / f"{name}.tar.xz", room)
+            cameras = read_camera_set(room / "project" / "cameras")
+            views = load_views(room / "photos", cameras, {}, PRESETS["standard"])
+            write_views(options.out / f"{name}.npz", cameras, views)
+            write_views(options.out / _TRUE / f"{name}.npz", cameras, true_views(room, cameras))
 
 
 def _train(options: argparse.Namespace) -> None:
@@ -105,10 +136,15 @@ def _train(options: argparse.Namespace) -> None:
     first = 0.0
     for file in sorted(options.views.glob(f"{options.only}*.npz")):
         cameras, views = read_views(file)
+        true_file = options.views / _TRUE / file.name
+        true = read_views(true_file)[1] if true_file.exists() else []
         for run in options.runs.split(","):
             # What gsplat trains is measured on the processor.
+            run_with: Callable[..., dict[str, Any]]
             run_with, name, backend = (
-                (_run_gsplat, f"{GSPLAT}:{run}", "cpu") if options.backend == GSPLAT else (_run, run, options.backend)
+                (_run_gsplat, f"{GSPLAT}:{run}", "cpu")
+                if options.backend == GSPLAT
+                else (partial(_run, true=true), run, options.backend)
             )
             for seed in map(int, options.seeds.split(",")):
                 out = results / f"{file.stem}-{_file_name(name)}-{seed}.json"
@@ -161,22 +197,25 @@ def _value(text: str) -> Any:
         return text
 
 
-def _run(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:
+def _run(
+    cameras: CameraSet, views: Sequence[TrainingView], settings: TrainingSettings, *, true: Sequence[TrainingView]
+) -> dict[str, Any]:
+    """Train the views of a set from its sparse points and measure, also in the `true` views where there are any."""
     begun = time.perf_counter()
-    result = trained(cameras, views, settings)
-    curve = [asdict(point) for point in result.curve]
-    return {**result.figures, "curve": curve, "total": time.perf_counter() - begun}
-
-
-def trained(cameras: CameraSet, views: Sequence[TrainingView], settings: TrainingSettings) -> TrainingResult:
-    """Train the views of a set from its sparse points; errors as of `engine.training.train`."""
     start = start_gaussians(cameras, views, settings, emit=ignore_events)
     background = background_gaussians(cameras.points, views, settings)
     with tempfile.TemporaryDirectory() as folder:
-        return train(
+        result = train(
             start, list(views), settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop,
             background=background,
         )  # fmt: skip
+    curve = [asdict(point) for point in result.curve]
+    figures = {**result.figures, "curve": curve, "total": time.perf_counter() - begun}
+    if true:
+        photos = [view for view in views if not view.held_out]
+        off_path = off_path_figures(result.gaussians, true, photos, backend=settings.backend)
+        figures |= {"off_path": asdict(off_path), "needles": needles(result.gaussians)}
+    return figures
 
 
 def _run_gsplat(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:
@@ -190,11 +229,16 @@ def _run_gsplat(cameras: Any, views: Sequence[TrainingView], settings: TrainingS
     return {**figures, "wall_seconds": seconds, "n_gaussians": len(gaussians), "curve": [], "total": total}
 
 
-def table(results: Path) -> str:
+def _document(options: argparse.Namespace) -> None:
+    results = [read_json(file, _SCHEMA, advice="Delete it.") for file in sorted(options.results.glob("*.json"))]
+    text = off_path_table(results) if options.table == OFF_PATH else table(results)
+    put_into(options.doc, options.table, text)
+
+
+def table(results: Sequence[dict[str, Any]]) -> str:
     """Return the table of all results: the worst seed of each figure."""
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for file in sorted(results.glob("*.json")):
-        result = read_json(file, _SCHEMA, advice="Delete it.")
+    for result in results:
         found.setdefault((result["set"], result["run"]), []).append(result)
     lines = [
         "| photos, longest side | steps : Gaussians | seeds | test PSNR dB, worst (mean) | fitted | seconds, worst | "

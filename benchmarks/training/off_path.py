@@ -1,9 +1,11 @@
-"""Errors in views that no photo has, and the share of needles."""
+"""Errors in views that no photo has, the share of needles, and the table of both."""
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +17,10 @@ from engine.training.settings import FeatureSettings
 from engine.training.trials import brightness_factors
 from engine.training.views import ViewPyramid
 
-__all__ = ["KINDS", "OffPath", "needles", "off_path_figures"]
+__all__ = ["KINDS", "OFF_PATH", "OffPath", "needles", "off_path_figures", "off_path_table"]
 
+OFF_PATH = "off the path"
+"""Name of the table in a document."""
 KINDS = ("near", "far", "above")
 """What the names of views begin with: half the distance of a photo, one and a half times, and 20 degrees higher."""
 
@@ -72,3 +76,29 @@ def needles(gaussians: Gaussians) -> float:
     """Return the share of visible Gaussians longer than five times their middle axis, in percent."""
     ordered = np.sort(gaussians.log_scales[gaussians.opacity_logits > np.log(_VISIBLE / (1 - _VISIBLE))], axis=1)
     return 100 * float((ordered[:, 2] - ordered[:, 1] > np.log(_NEEDLE)).mean())
+
+
+def off_path_table(results: Sequence[dict[str, Any]]) -> str:
+    """Return the table of trainings measured off the path: means over the rooms and seeds of each run.
+
+    Parameters
+    ----------
+    results : sequence of dict
+        ``set``, ``run``, ``seed`` and ``figures`` of each training; those not measured off the path are left out.
+    """
+    found: dict[str, list[dict[str, Any]]] = {}
+    for result in results:
+        if "off_path" in result["figures"]:
+            found.setdefault(result["run"], []).append(result)
+    lines = [
+        f"| run | rooms | seeds | test photos | {' | '.join(KINDS)} | mean off the path | needles % |",
+        "| --- |" + " ---: |" * (5 + len(KINDS)),
+    ]
+    for run, rows in found.items():
+        figures = [row["figures"] for row in rows]
+        kinds = [statistics.mean(one["off_path"][kind] for one in figures) for kind in KINDS]
+        psnr, share = (statistics.mean(one[name] for one in figures) for name in ("psnr", "needles"))
+        cells = [f"{value:.2f}" for value in (psnr, *kinds, statistics.mean(kinds))]
+        counts = [str(len({row[name] for row in rows})) for name in ("set", "seed")]
+        lines.append(f"| {run} | {' | '.join(counts)} | {' | '.join(cells)} | {share:.0f} |")
+    return "\n".join(lines)

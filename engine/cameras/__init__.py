@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from .given_check import check_given_cameras
     from .model_places import files_of_model
     from .normalise import normalised_points, normalised_viewmat, original_from_world
+    from .pairs import n_compared_pairs
+    from .processes import detecting_cores, detection_bytes
     from .sfm import estimate_cameras
     from .undistortion import (
         covering_pinhole,
@@ -28,12 +30,15 @@ __all__ = [
     "SfmWorkspace",
     "check_given_cameras",
     "covering_pinhole",
+    "detecting_cores",
+    "detection_bytes",
     "distort",
     "estimate_cameras",
     "files_of_model",
     "has_points",
     "is_point_visible",
     "match_features",
+    "n_compared_pairs",
     "normalised_points",
     "normalised_viewmat",
     "original_from_world",

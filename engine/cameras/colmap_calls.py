@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import shutil
+import sqlite3
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +15,7 @@ from ..core.errors import CameraError, Cancelled, DiskError
 from ..core.events import StopCheck
 from .colmap import pycolmap
 
-__all__ = ["opened_database", "require_free_space", "threads_for_colmap", "translated", "wait_for"]
+__all__ = ["is_whole_database", "opened_database", "require_free_space", "translated", "wait_for"]
 
 _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
@@ -70,9 +71,15 @@ def require_free_space(folder: Path) -> None:
         )
 
 
-def threads_for_colmap(threads: int) -> int:
-    """Return the number of threads as COLMAP expects it: -1 instead of 0 for all cores."""
-    return threads if threads > 0 else -1
+def is_whole_database(path: Path) -> bool:
+    """Return whether a COLMAP database is missing or can be read; what a damaged one holds is computed again."""
+    if not path.is_file():
+        return True
+    try:
+        with contextlib.closing(sqlite3.connect(path)) as database:
+            return list(database.execute("PRAGMA quick_check(1)")) == [("ok",)]
+    except (sqlite3.DatabaseError, UnicodeDecodeError):
+        return False
 
 
 def wait_for(

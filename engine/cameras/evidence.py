@@ -178,13 +178,17 @@ class Evidence:
         return sum(not pair.agrees for pair in self.pairs) / len(self.pairs) if self.pairs else 0.0
 
 
-def measure_model(model: pycolmap.Reconstruction, *, should_stop: StopCheck) -> dict[str, float | bool | int]:
+def measure_model(
+    model: pycolmap.Reconstruction, own: LensTrial | None, *, should_stop: StopCheck
+) -> dict[str, float | bool | int]:
     """Return the figures of `Evidence` that the model alone gives, by name.
 
     Parameters
     ----------
     model : pycolmap.Reconstruction
         At least three placed photos. It is not changed.
+    own : LensTrial or None
+        Its trial with a lens for each photo (`tried_lenses`), made here when None.
     should_stop : StopCheck
 
     Raises
@@ -203,7 +207,7 @@ def measure_model(model: pycolmap.Reconstruction, *, should_stop: StopCheck) -> 
     figures["missing"] = missing_share(model)
     from .lens_groups import lenses_differ
 
-    own = tried_lenses(model, should_stop=should_stop)
+    own = own or tried_lenses(model, should_stop=should_stop)
     figures["lenses_differ"] = lenses_differ(model, own)
     if own.lenses:
         figures["own_gain"] = own.error / max(own.before, 1e-6)
@@ -417,12 +421,13 @@ def missing_share(model: pycolmap.Reconstruction) -> float:
         if len(found) >= _MIN_MATCHES
     }
     missing = near = 0
+    centers = np.array([model.image(image_id).projection_center() for image_id in of_points]).reshape(-1, 3)
     for first, (point_ids, points) in of_points.items():
         rays = points - model.image(first).projection_center()
         lengths = np.linalg.norm(rays, axis=1)
         rays /= lengths[:, None]
-        for second in of_points:
-            if first == second:
+        for second, is_near in zip(of_points, _nearly_along(points, rays, centers), strict=True):
+            if first == second or not is_near:
                 continue
             others = points - model.image(second).projection_center()
             cosine = (rays * others).sum(axis=1) / np.linalg.norm(others, axis=1)
@@ -436,6 +441,19 @@ def missing_share(model: pycolmap.Reconstruction) -> float:
             again = np.fromiter((point_id in seen[second] for point_id in point_ids), bool, len(point_ids))
             missing += bool(again[inside].mean() < _FOUND_AGAIN)
     return missing / near if near >= _MIN_NEAR else 0.0
+
+
+def _nearly_along(points: Float64, rays: Float64, centers: Float64) -> NDArray[np.bool_]:
+    """Return for which centers [C, 3] the median cosine to the `rays` [P, 3] to the `points` [P, 3] may be near.
+
+    All centers at a time, since their number grows with its square; a little less exact, so with a margin.
+    """
+    middle = points.mean(axis=0)
+    points, centers = points - middle, centers - middle
+    squared = (points**2).sum(axis=1)[:, None] - 2.0 * points @ centers.T + (centers**2).sum(axis=1)
+    along = (rays * points).sum(axis=1)[:, None] - rays @ centers.T
+    cosine = along / np.sqrt(np.maximum(squared, 1e-12))
+    return np.asarray(np.median(cosine, axis=0) >= _NEAR_COSINE - 1e-6)
 
 
 def _focal(model: pycolmap.Reconstruction, image_id: int) -> float:

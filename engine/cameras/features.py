@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,13 +14,15 @@ from ..core.errors import CameraError, DiskError, FormatError
 from ..core.events import StopCheck
 from ..core.files import delete_derived, read_json, write_json
 from ..core.settings import to_dict
-from ..core.system import native_path, replace_file
+from ..core.system import free_memory, native_path, replace_file
 from ..project.folder import stage_key
 from ..scene import Camera, Photo, PhotoSet
 from .colmap import pycolmap
-from .colmap_calls import opened_database, require_free_space, threads_for_colmap, translated, wait_for
+from .colmap_calls import is_whole_database, opened_database, require_free_space, translated, wait_for
 from .feature_scales import feature_sizes
+from .matching import match_pairs
 from .pairs import Pair, all_pairs, largest_descriptors, largest_rows, promising_pairs
+from .processes import cores_for, detecting_cores
 from .settings import CameraSettings
 from .working_copies import WorkingCopy, plan_copies, write_copies, write_default_masks
 
@@ -33,8 +33,8 @@ _Report = Callable[[float, str], None]
 # Fractions of this module's run time after copying, detection and pair selection, measured on 32 photos.
 _COPIED, _DETECTED, _PAIRS_SELECTED = 0.03, 0.58, 0.64
 
-_PHOTOS_PER_BATCH = 4
-_PAIRS_PER_BATCH = 24
+_ROUNDS_PER_BATCH = 2
+"""Photos of a batch for each core that detects."""
 _DESCRIPTOR_DIM = 128
 """Length of a SIFT descriptor, needed to shape the empty array of a photo without features."""
 
@@ -73,7 +73,6 @@ class SfmWorkspace:
         self.masks = folder / "masks"
         self.database = folder / "database.db"
         self.sparse = folder / "sparse"
-        self.pairs = folder / "pairs.txt"
         self.photo_set = photo_set
         self.settings = settings
         self.lenses = lenses or {}
@@ -99,30 +98,19 @@ class SfmWorkspace:
             same = read_json(key_file, str, advice="The work starts again.") == key
         except FormatError:
             same = False
-        if not same or not _is_whole_database(self.database):
+        if not same or not is_whole_database(self.database):
             self.clear()
             write_json(key_file, key)
 
     def clear(self) -> None:
         """Remove the files of this class, and no other files, from the folder."""
-        names = ["made_from.json", self.images.name, self.masks.name, self.sparse.name, self.pairs.name]
+        names = ["made_from.json", self.images.name, self.masks.name, self.sparse.name, "pairs.txt", "shares"]
         for name in (*names, *(path.name for path in self._folder.glob("database.db*"))):
             delete_derived(self._folder, name)
 
     def copy_of(self, name: str) -> WorkingCopy:
         """Return the copy that has this `name` in COLMAP's database."""
         return self.copies[int(Path(name).stem)]
-
-
-def _is_whole_database(path: Path) -> bool:
-    """Return whether a COLMAP database is missing or can be read; what a damaged one holds is computed again."""
-    if not path.is_file():
-        return True
-    try:
-        with contextlib.closing(sqlite3.connect(path)) as database:
-            return list(database.execute("PRAGMA quick_check(1)")) == [("ok",)]
-    except sqlite3.DatabaseError:
-        return False
 
 
 def match_features(workspace: SfmWorkspace, *, report: _Report, should_stop: StopCheck) -> None:
@@ -203,7 +191,9 @@ def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workspace: SfmWorkspace) ->
 def _detect(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) -> None:
     settings = workspace.settings
     options = pycolmap.FeatureExtractionOptions()
-    options.num_threads = threads_for_colmap(settings.threads)
+    largest = max(copy.width * copy.height for copy in workspace.copies)
+    cores = detecting_cores(cores_for(settings.threads), largest, free=free_memory())
+    options.num_threads = cores
     options.use_gpu = False
     options.sift.max_num_features = settings.max_features
     options.sift.first_octave = settings.first_octave
@@ -219,9 +209,9 @@ def _detect(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) ->
         detected = {image.name for image in database.read_all_images() if database.exists_descriptors(image.image_id)}
     # In batches, to report progress: reading the database while COLMAP writes to it would conflict with its locks.
     missing = [name for name in names if name not in detected]
-    for start in range(0, len(missing), _PHOTOS_PER_BATCH):
+    for start in range(0, len(missing), cores * _ROUNDS_PER_BATCH):
         require_free_space(workspace.database.parent)
-        batch = missing[start : start + _PHOTOS_PER_BATCH]
+        batch = missing[start : start + cores * _ROUNDS_PER_BATCH]
         done = len(names) - len(missing) + start
         report(_COPIED + (_DETECTED - _COPIED) * done / len(names), f"features in {done} of {len(names)} photos")
         wait_for(
@@ -286,37 +276,22 @@ def _select_pairs(workspace: SfmWorkspace, report: _Report, should_stop: StopChe
     return promising_pairs(
         [one.descriptors for one in features],
         neighbours=workspace.settings.neighbours,
+        seed=workspace.settings.seed,
         report=lambda done: report(_DETECTED + (_PAIRS_SELECTED - _DETECTED) * done, "selecting pairs of photos"),
         should_stop=should_stop,
     )
 
 
 def _match(workspace: SfmWorkspace, pairs: list[Pair], report: _Report, should_stop: StopCheck) -> None:
-    settings = workspace.settings
     names = [copy.name for copy in workspace.copies]
-    matching = pycolmap.FeatureMatchingOptions()
-    # With several threads, one run in 300 loses matches of some pairs: see docs/design_notes/cameras.md.
-    matching.num_threads = 1
-    matching.use_gpu = False
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = settings.seed
-    pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = workspace.pairs
-    for start in range(0, len(pairs), _PAIRS_PER_BATCH):
-        require_free_space(workspace.database.parent)
-        batch = pairs[start : start + _PAIRS_PER_BATCH]
-        report(_PAIRS_SELECTED + (1.0 - _PAIRS_SELECTED) * start / len(pairs), f"{start} of {len(pairs)} pairs matched")
-        workspace.pairs.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in batch), encoding="ascii")
-        pycolmap.set_random_seed(settings.seed)
-        # COLMAP skips pairs that an earlier run has matched.
-        wait_for(
-            "matching the photos",
-            lambda token: pycolmap.match_image_pairs(
-                workspace.database, matching, pairing, verification, pycolmap.Device.cpu, token
-            ),
-            report=_no_progress,
-            should_stop=should_stop,
+
+    def matched(done: float) -> None:
+        report(
+            _PAIRS_SELECTED + (1.0 - _PAIRS_SELECTED) * done, f"{done * len(pairs):.0f} of {len(pairs)} pairs matched"
         )
+
+    named = [(names[i], names[j]) for i, j in pairs]
+    match_pairs(workspace.database, named, workspace.settings, report=matched, should_stop=should_stop)
     with opened_database(workspace.database) as database:
         if database.num_inlier_matches() > 0:
             return

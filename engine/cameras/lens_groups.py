@@ -44,8 +44,11 @@ _BETTER = 0.95
 
 def map_with_lenses(
     workspace: SfmWorkspace, map_all: MapAll, *, should_stop: StopCheck
-) -> list[pycolmap.Reconstruction]:
+) -> tuple[list[pycolmap.Reconstruction], LensTrial | None]:
     """Return the models of the photos, mapped with lenses that their photos really share.
+
+    With them comes the trial of the largest model with a lens for each photo, as `tried_lenses` gives it; None where
+    none was made.
 
     Parameters
     ----------
@@ -74,12 +77,12 @@ def map_with_lenses(
     models = map_all()
     largest = _largest(models)
     if workspace.lenses or largest is None or largest.num_reg_images() < 3:
-        return models
+        return models, None
     own = tried_lenses(largest, should_stop=should_stop)
     differ = lenses_differ(largest, own)
     several_sizes = size_gap(workspace.database) >= SIZES_DIFFER
     if not (_is_doubtful(workspace, largest, differ) or several_sizes):
-        return models
+        return models, own
     scales = relative_scales(workspace.database)
 
     def mapped(groups: Sequence[Group]) -> list[pycolmap.Reconstruction]:
@@ -101,12 +104,12 @@ def map_with_lenses(
         own = tried_lenses(model, should_stop=should_stop)
         differ = lenses_differ(model, own)
         if not _is_doubtful(workspace, model, differ):
-            return best
+            return best, own
     # Lenses of their own begin with what fits the first model, if that shows that they differ.
     of_each = mapped([(lens, [i]) for i, lens in sorted(own.lenses.items())] if differ else [])
     alone = _largest(of_each)
     if alone is None or not _is_better(alone, largest):
-        return best
+        return best, own
     first = largest
     lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
     group_of = {image_id: number for number, (_, ids) in enumerate(first_lenses) for image_id in ids}
@@ -125,8 +128,8 @@ def map_with_lenses(
             break
         lenses = {**lenses, **own.lenses}
     if best is models and _is_better(alone, first, _LOWER_ERROR):
-        return of_each
-    return best
+        return of_each, None
+    return best, own
 
 
 def _is_doubtful(workspace: SfmWorkspace, model: pycolmap.Reconstruction, differ: bool) -> bool:

@@ -7,6 +7,7 @@ and matched pairs are kept, and mapping starts again. See docs/design_notes/came
 from __future__ import annotations
 
 import time
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from ..core.errors import CameraError
@@ -20,12 +21,13 @@ from .feature_scales import size_gap
 from .features import SfmWorkspace, match_features
 from .health import TURNED, judge, refuted_images
 from .lens_groups import map_with_lenses
+from .lens_trials import LensTrial
 from .mirrored import mirrored_photos
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
 from .settings import CameraSettings
 from .still_background import still_background
 
-__all__ = ["estimate_cameras"]
+__all__ = ["estimate_cameras", "other_groups_text"]
 
 _STAGE = "cameras"
 _MATCHED = 0.85
@@ -87,7 +89,7 @@ def estimate_cameras(
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    models = map_with_lenses(workspace, lambda: _map(workspace, progress, should_stop), should_stop=should_stop)
+    models, own = map_with_lenses(workspace, lambda: _map(workspace, progress, should_stop), should_stop=should_stop)
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
     still = still_background(workspace) if placed < count else None
@@ -98,7 +100,7 @@ def estimate_cameras(
         emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
     _warn_of_other_models(workspace, models, largest, emit)
     progress(_MAPPED, "checking the cameras")
-    result = _as_camera_set(workspace, largest, _check(workspace, models, largest, should_stop))
+    result = _as_camera_set(workspace, largest, _check(workspace, models, largest, own, should_stop))
     health = result.health
     if health is not None and health.colour != "green":
         emit(Warned(health.sentence))
@@ -187,15 +189,34 @@ def _warn_of_other_models(
     workspace: SfmWorkspace, models: list[pycolmap.Reconstruction], largest: pycolmap.Reconstruction, emit: Emit
 ) -> None:
     kept = set(_photo_names(workspace, largest))
-    others = [names for model in models if (names := sorted(set(_photo_names(workspace, model)) - kept))]
-    if others:
-        listed = "; ".join(", ".join(names) for names in others)
-        emit(
-            Warned(
-                f"The photos fall into {len(others) + 1} groups that no photo connects. The largest with {len(kept)} "
-                f"photos is used; left out: {listed}."
-            )
-        )
+    if text := other_groups_text(len(kept), [set(_photo_names(workspace, model)) - kept for model in models]):
+        emit(Warned(text))
+
+
+def other_groups_text(n_kept: int, others: Iterable[Collection[str]]) -> str:
+    """Return which photos lie in groups that no photo connects with those used, and what to do; empty without any.
+
+    Parameters
+    ----------
+    n_kept : int
+        Number of the photos that are used.
+    others : iterable of collections of str
+        Names of the photos of each other group. A photo of several groups counts for the largest.
+    """
+    named: set[str] = set()
+    listed: list[str] = []
+    for group in sorted(others, key=lambda names: (-len(names), sorted(names))):
+        if own := sorted(set(group) - named):
+            named.update(own)
+            size = f"{len(own)} photo{'s' if len(own) != 1 else ''}"
+            listed.append(f"group {len(listed) + 2} ({size}): {', '.join(own)}")
+    if not listed:
+        return ""
+    return (
+        f"The photos fall into {len(listed) + 1} groups that no photo connects, and the largest with {n_kept} photos "
+        "is used: put the photos of each other group into a folder of its own and make a project of it, or add photos "
+        f"that show a part of two groups; {'; '.join(listed)}."
+    )
 
 
 def _photo_names(workspace: SfmWorkspace, model: pycolmap.Reconstruction) -> list[str]:
@@ -224,6 +245,7 @@ def _check(
     workspace: SfmWorkspace,
     models: list[pycolmap.Reconstruction],
     model: pycolmap.Reconstruction,
+    own: LensTrial | None,
     should_stop: StopCheck,
 ) -> CameraHealth:
     """Return what the photos say against the cameras of `model`."""
@@ -243,7 +265,7 @@ def _check(
         other_models=tuple(tuple(sorted(set(_photo_names(workspace, other)) - kept)) for other in models),
         mirrored=(mirrored := _mirrored(workspace, should_stop)),
         mirrored_placed=tuple(name for name in mirrored if name in kept),
-        **measure_model(model, should_stop=should_stop),  # type: ignore[arg-type]
+        **measure_model(model, own, should_stop=should_stop),  # type: ignore[arg-type]
     )
     refuted = [workspace.copy_of(model.image(image_id).name).photo.name for image_id in refuted_images(pairs)]
     return judge(evidence, refuted=sorted(refuted))

@@ -1,1 +1,1 @@
-"""What every part of the engine uses: errors, events, files, the system, words. It uses no other part."""
+"""Parts that every other part of the engine uses: errors, events, files, the system, words. They use no other part."""

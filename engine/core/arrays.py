@@ -1,11 +1,11 @@
-"""Types of arrays, as all packages name them. NumPy only."""
+"""Types of arrays, as all packages name them, and what is computed of arrays everywhere. NumPy only."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Float32", "Float64", "Floats", "Int32", "Int64", "Mask", "Pixels"]
+__all__ = ["Float32", "Float64", "Floats", "Int32", "Int64", "Mask", "Pixels", "normalized"]
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -14,3 +14,9 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
+
+
+def normalized(vectors: Floats) -> Float32:
+    """Return `vectors`, [..., D], at unit length; zero vectors stay zero."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors, dtype=np.float32), where=lengths > 1e-12)

@@ -1,8 +1,8 @@
 """Work in a child process.
 
 Files from other people are read with bounded time and memory (`run_in_child`): a decoder that loops, crashes or asks
-for all memory then fails alone, its file is refused, and the engine goes on. Work of the engine's own may go on beside
-other work, on cores that are idle (`child_beside`).
+for all memory then fails alone, its file is refused, and the engine goes on. Work of the engine's own may run in
+parallel to other work, on cores that are idle (`child_beside`).
 """
 
 from __future__ import annotations
@@ -147,10 +147,15 @@ def child_beside(function: str, arguments: dict[str, Any], *, what: str) -> Iter
 
 
 class ChildBeside:
-    """Work in a child process that goes on beside this one, from `child_beside`."""
+    """Work in a child process that runs in parallel to this one, from `child_beside`."""
 
     def __init__(self, process: subprocess.Popen[bytes], answer: _Collector, complaints: _Collector, what: str) -> None:
         self._process, self._answer, self._complaints, self._what = process, answer, complaints, what
+
+    @property
+    def finished(self) -> bool:
+        """Whether the child has ended."""
+        return self._process.poll() is not None
 
     def end(self) -> Any | None:
         """End the child and return its function's result, None when it had not finished.

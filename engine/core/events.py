@@ -143,7 +143,7 @@ _SCHEMAS_OF_TYPES: dict[str, Schema] = {
     "int | None": (int, None),
     "dict[str, Any]": dict,
 }
-"""What a field of each type must be in JSON."""
+"""The JSON type of a field of each type."""
 
 
 def _schema(cls: type[Event]) -> Schema:
@@ -156,7 +156,7 @@ def _schema(cls: type[Event]) -> Schema:
 
 
 _SCHEMAS: dict[str, Schema] = {kind: _schema(cls) for kind, cls in _KINDS.items()}
-"""What an event of each kind must be in JSON."""
+"""The schema of an event of each kind in JSON."""
 _SOURCE = "the event"
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 

@@ -1,4 +1,4 @@
-"""What the settings of all packages share: bounds checked in one form of words, and their form in ``project.json``.
+"""Shared by the settings of all packages: bounds checked in one form of words, and their form in ``project.json``.
 
 Settings are frozen dataclasses in the package that reads them; defaults are written there and nowhere else.
 """

@@ -1,1 +1,1 @@
-"""What leaves a project: museum records, packages to keep, and the report."""
+"""Files that leave a project: museum records, packages to keep, and the report."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .splat import read_splat
     from .spz import read_spz, write_spz
     from .table import DEFAULT_FORMAT, FORMATS, FileFacts, Format, WritingTools, format_of, write_mesh, write_scene
-    from .transform import logits_of, rotations_from_quats, transform_gaussians, unit_quats
+    from .transform import logits_of, transform_gaussians
     from .usd import has_openusd, write_usd
     from .usd_elsewhere import write_usd_elsewhere
     from .usd_reading import read_usd
@@ -53,9 +53,7 @@ __all__ = [
     "read_splat",
     "read_spz",
     "read_usd",
-    "rotations_from_quats",
     "transform_gaussians",
-    "unit_quats",
     "write_glb",
     "write_mesh",
     "write_ply",

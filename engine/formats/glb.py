@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..core.errors import FormatError
 from ..core.files import atomic_write, opened, optional, parse_json
-from ..scene import Gaussians
+from ..scene import Gaussians, unit_quats
 from .axes import y_up_from_z_up, z_up_from_y_up
 from .bounds import require_memory, usable_rows
 from .origin import require_near
 from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .spherical_harmonics import SH_C0
-from .transform import AffineMap, logits_of, transform_gaussians, unit_quats
+from .transform import AffineMap, logits_of, transform_gaussians
 
 __all__ = ["BIN_CHUNK", "EXTENSION", "JSON_CHUNK", "MAGIC", "MAX_FILE_SIZE", "XMP", "read_glb", "write_glb"]
 

@@ -6,19 +6,16 @@ Quaternions are wxyz; a rotation matrix R maps own axes to world axes (column ve
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arrays import Float64
 from ..core.errors import NumericalError
-from ..scene import Gaussians
+from ..scene import Gaussians, rotations_from_quats
 from .spherical_harmonics import orthogonal_sh_matrix
 
-__all__ = ["AffineMap", "logits_of", "quats_from_rotations", "rotations_from_quats", "transform_gaussians"]
-
-_Float = TypeVar("_Float", np.float32, np.float64)
+__all__ = ["AffineMap", "logits_of", "quats_from_rotations", "transform_gaussians"]
 
 _ROWS_PER_CHUNK = 1 << 9
 """Gaussians transformed at once: intermediate values stay in the processor's cache, and products of matrices are so
@@ -162,23 +159,6 @@ def _multiply_quats(left: Float64, right: NDArray[np.float32]) -> NDArray[np.flo
     table = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     product: NDArray[np.float32] = (right.astype(np.float64) @ table.T).astype(np.float32)
     return product
-
-
-def unit_quats(quats: NDArray[_Float]) -> NDArray[_Float]:
-    """Return quaternions [N, 4] at unit length, in the precision given; a zero quaternion becomes the identity."""
-    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
-    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0)).astype(quats.dtype)
-
-
-def rotations_from_quats(quats: NDArray[np.floating]) -> Float64:
-    """Return rotation matrices [N, 3, 3], float64, of wxyz quaternions [N, 4]; a zero quaternion gives the identity."""
-    w, x, y, z = unit_quats(quats.astype(np.float64)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def quats_from_rotations(rotations: Float64) -> Float64:

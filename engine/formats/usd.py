@@ -23,11 +23,11 @@ from .. import __version__
 from ..core.errors import DiskError, EnvironmentProblem, FormatError
 from ..core.files import TEMPORARY_PREFIX
 from ..core.system import replace_file
-from ..scene import Gaussians
+from ..scene import Gaussians, unit_quats
 from .origin import require_near
 from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
-from .transform import transform_gaussians, unit_quats
+from .transform import transform_gaussians
 
 __all__ = ["PRIM_TYPE", "has_openusd", "require_openusd", "write_usd"]
 

@@ -1,1 +1,1 @@
-"""What is installed on a user's computer: the engine's Python environment and the model files."""
+"""Installation on a user's computer: the engine's Python environment and the model files."""

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .embeddings import EmbeddingFolder
     from .encoder import card_encodes
     from .foreground import make_foreground_masks
-    from .mask_geometry import box_ious, mask_box, mask_iou
+    from .mask_geometry import box_ious, mask_box, mask_iou, suppress_overlapping
     from .mask_metrics import boundary, boundary_iou, feature_agreement, halo, holes, iou, stray
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
@@ -40,6 +40,7 @@ __all__ = [
     "mask_iou",
     "read_label_map",
     "sam_threads",
+    "suppress_overlapping",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.arrays import Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
-from .mask_geometry import mask_box
+from .mask_geometry import mask_box, suppress_overlapping
 from .sam import Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
@@ -64,7 +64,7 @@ def generate_grid_masks(
                 masks.append(mask)
                 scores.append(iou)
     boxes = np.array([_inclusive_box(mask) for mask in masks], np.int64).reshape(-1, 4)
-    return [masks[i] for i in _suppress_overlapping(boxes, np.array(scores), settings.max_overlap)]
+    return [masks[i] for i in suppress_overlapping(boxes, scores, settings.max_overlap)]
 
 
 def stability_score(logits: NDArray[np.float32]) -> float:
@@ -89,19 +89,3 @@ def _inclusive_box(mask: Mask) -> tuple[int, int, int, int]:
     assert box is not None, "empty masks were dropped before"
     x0, y0, x1, y1 = box
     return x0, y0, x1 - 1, y1 - 1
-
-
-def _suppress_overlapping(boxes: NDArray[np.int64], scores: NDArray[np.float64], max_overlap: float) -> list[int]:
-    """Return the indices of the boxes that non-maximum suppression keeps, highest score first."""
-    kept: list[int] = []
-    order = np.argsort(-scores, kind="stable")
-    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
-    while len(order):
-        best, order = int(order[0]), order[1:]
-        kept.append(best)
-        low = np.maximum(boxes[best, :2], boxes[order, :2])
-        high = np.minimum(boxes[best, 2:], boxes[order, 2:])
-        shared = np.prod(np.maximum(high - low, 0), axis=1)
-        union = areas[best] + areas[order] - shared
-        order = order[shared <= max_overlap * union]
-    return kept

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core.arrays import Float32, Mask
 
-__all__ = ["box_ious", "mask_box", "mask_iou"]
+__all__ = ["box_ious", "mask_box", "mask_iou", "suppress_overlapping"]
 
 
 def mask_iou(first: Mask, second: Mask) -> float:
@@ -27,6 +28,26 @@ def box_ious(boxes: Float32, box: Float32) -> Float32:
     intersection = sides.prod(axis=1)
     union = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1) + (box[2:] - box[:2]).prod() - intersection
     return np.asarray(intersection / np.maximum(union, 1e-9), np.float32)
+
+
+def suppress_overlapping(boxes: ArrayLike, scores: ArrayLike, max_overlap: float) -> list[int]:
+    """Return the numbers of the boxes that non-maximum suppression keeps, the highest score first.
+
+    Parameters
+    ----------
+    boxes : array-like of shape [N, 4]
+        x0, y0, x1, y1.
+    scores : array-like of shape [N]
+        At least 0.
+    max_overlap : float
+        Largest intersection over union of two boxes that are kept, 0 to 1.
+    """
+    import cv2
+
+    corners = np.asarray(boxes, np.float64).reshape(-1, 4)
+    places = np.hstack([corners[:, :2], corners[:, 2:] - corners[:, :2]])
+    kept = cv2.dnn.NMSBoxes(places.tolist(), np.asarray(scores, np.float64).tolist(), 0.0, max_overlap)
+    return [int(number) for number in kept]
 
 
 def mask_box(mask: Mask) -> tuple[int, int, int, int] | None:

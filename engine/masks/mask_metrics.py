@@ -7,11 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.arrays import Mask
+from ..core.arrays import Mask, normalized
 from . import mask_iou
 from .settings import INSTANCE_COSINE
 
 __all__ = ["boundary", "boundary_iou", "feature_agreement", "halo", "holes", "iou", "stray"]
+
+_MIN_AGREEMENT_PIXELS = 100
+"""Pixels of a segment below which `feature_agreement` leaves it out."""
 
 
 def iou(predicted: Mask | None, truth: Mask) -> float:
@@ -141,13 +144,11 @@ def feature_agreement(
     labels: NDArray[np.integer],
     *,
     alpha: NDArray[np.floating] | None = None,
-    cosine: float = INSTANCE_COSINE,
-    min_pixels: int = 100,
 ) -> float:
     """Return how well rendered features reproduce the segments of a label map that they were not trained on.
 
-    The mean feature of each segment selects the pixels whose feature has a cosine of at least `cosine` with it. They
-    are compared with the segment.
+    The mean feature of each segment selects the pixels whose feature has a cosine of at least `INSTANCE_COSINE` with
+    it. They are compared with the segment.
 
     Parameters
     ----------
@@ -157,27 +158,22 @@ def feature_agreement(
         Segments 1, 2, ...; pixels of 0 are ignored.
     alpha : array of shape [H, W], optional
         Pixels of 0.5 or less are not selected.
-    cosine : float
-    min_pixels : int
-        Smaller segments are skipped.
 
     Returns
     -------
     float
         Mean intersection over union of the segments, 0 to 1; NaN when none is large enough.
     """
-    lengths = np.linalg.norm(features, axis=-1, keepdims=True)
-    unit = np.divide(features, lengths, out=np.zeros_like(features), where=lengths > 1e-12)
     labelled = labels > 0
-    unit, ids = unit[labelled], labels[labelled]
+    unit, ids = normalized(features[labelled]), labels[labelled]
     covered = np.ones(len(ids), bool) if alpha is None else alpha[labelled] > 0.5
     scores = []
     for segment, count in zip(*np.unique(ids, return_counts=True), strict=True):
-        if count < min_pixels:
+        if count < _MIN_AGREEMENT_PIXELS:
             continue
         inside = ids == segment
         mean = unit[inside].mean(axis=0)
         length = float(np.linalg.norm(mean))
-        found = (unit @ (mean / max(length, 1e-12)) >= cosine) & covered
+        found = (unit @ (mean / max(length, 1e-12)) >= INSTANCE_COSINE) & covered
         scores.append(iou(found, inside))
     return float(np.mean(scores)) if scores else float("nan")

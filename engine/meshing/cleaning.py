@@ -6,10 +6,10 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..core.arrays import Float64, Int32, Int64, Mask
+from ..core.arrays import Float32, Float64, Int32, Int64, Mask
 from ..core.errors import ObjectError
 
-__all__ = ["areas_of", "kept_faces", "main_parts", "used_vertices"]
+__all__ = ["areas_of", "kept_faces", "main_parts", "used_vertices", "vertex_normals"]
 
 _MIN_PART = 0.02
 """Area of a separate part, relative to that of the largest one, below which it is a floater."""
@@ -79,6 +79,20 @@ def used_vertices(vertices: Float64, faces: Int32) -> tuple[Float64, Int32]:
     """Return the vertices that triangles use, and the triangles with their new numbers."""
     used, numbers = np.unique(faces, return_inverse=True)
     return vertices[used], numbers.reshape(-1, 3).astype(np.int32)
+
+
+def vertex_normals(vertices: Float64, faces: Int32) -> Float32:
+    """Return the normal of each vertex, [V, 3]: the mean of those of its triangles, by area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    products = np.cross(b - a, c - a)
+    sums = np.zeros((len(vertices), 3))
+    for k in range(3):
+        for axis in range(3):
+            sums[:, axis] += np.bincount(faces[:, k], products[:, axis], len(vertices))
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    # A vertex whose triangles face away from each other has none: any is as good.
+    sums = np.where(lengths > 0, sums / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0))
+    return sums.astype(np.float32)
 
 
 def _parts(faces: Int32, n_vertices: int) -> Int64:

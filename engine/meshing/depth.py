@@ -12,10 +12,9 @@ from ..cameras import training_pinhole
 from ..core.arrays import Float32, Float64, Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
-from ..formats import rotations_from_quats
 from ..pictures import Scene
 from ..pictures.settings import VISIBLE_SHARE
-from ..scene import Camera, Gaussians, PinholeCamera
+from ..scene import Camera, Gaussians, PinholeCamera, rotations_from_quats
 
 __all__ = ["DepthMap", "depth_maps", "surface_points"]
 
@@ -43,10 +42,6 @@ _MIN_SOLID_PIXELS = 60
 _LAYER = 0.7
 """Standard deviations of the depths in a pixel behind its mean from which on a Gaussian belongs to the far side."""
 
-_TOWARD = 0.7  # chosen on room_1
-"""Standard deviations of the depths in a pixel by which its surface is nearer than their mean: soft Gaussians lie
-inside of what they show."""
-
 _FLATTEST = 1e-3
 """Smallest axis of a Gaussian, as a share of its longest one: flatter ones have no direction to be cut along."""
 
@@ -70,7 +65,8 @@ class DepthMap:
     full : PinholeCamera
         The same part at the photo's own size.
     depth : array of shape [h, w], float32
-        Depth of the object's surface along the view axis, in world units; 0 where the photo does not show it.
+        Depth of the object's surface along the view axis, in world units; 0 where the photo does not show it. In the
+        maps of `depth_maps` it is the mean of the depths that are blended in a pixel.
     spread : array of shape [h, w], float32
         Standard deviation of the depths that are blended in a pixel, world units.
     free : array of shape [h, w], float32
@@ -83,6 +79,10 @@ class DepthMap:
     depth: Float32
     spread: Float32
     free: Float32
+
+    def nearer(self, by: float) -> DepthMap:
+        """Return the map with its depths nearer by so many standard deviations."""
+        return replace(self, depth=np.where(self.depth > 0, self.depth - by * self.spread, 0).astype(np.float32))
 
 
 def depth_maps(
@@ -177,7 +177,7 @@ def _map(
         use = its_alpha > _LAYER_COVER
         first, spread = np.where(use, nearer, first), np.where(use, its_spread, spread)
     solid = (alpha > _SOLID) & (share > VISIBLE_SHARE * alpha) & (first > 0)
-    depth = np.where(solid, first - _TOWARD * spread, 0).astype(np.float32)
+    depth = np.where(solid, first, 0).astype(np.float32)
     shows = seen.alpha > _SOLID
     hidden = shows & (alpha >= _CLEAR) & (scene_depth < first)
     free = np.where(hidden | ((alpha < _CLEAR) & shows), scene_depth, 0)

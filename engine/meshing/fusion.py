@@ -80,7 +80,7 @@ class Field:
         return self.origin + grid_points * self.voxel
 
 
-def fuse(maps: Sequence[DepthMap], *, should_stop: StopCheck) -> Field:
+def fuse(maps: Sequence[DepthMap], *, should_stop: StopCheck, max_voxels: int = _MAX_VOXELS) -> Field:
     """Return the field that the maps agree on.
 
     Parameters
@@ -88,6 +88,8 @@ def fuse(maps: Sequence[DepthMap], *, should_stop: StopCheck) -> Field:
     maps : sequence of DepthMap
         At least one.
     should_stop : callable
+    max_voxels : int
+        Largest grid.
 
     Raises
     ------
@@ -108,7 +110,7 @@ def fuse(maps: Sequence[DepthMap], *, should_stop: StopCheck) -> Field:
         raise ObjectError("The photos show a single point of the object, so it has no surface.")
     pixel = float(np.median([np.median(one.depth[one.depth > 0]) / one.part.K[0, 0] for one in maps]))
     box = np.maximum(high - low, 0.02 * size)
-    voxel = max(_VOXELS_PER_PIXEL * pixel, float((box.prod() / _MAX_VOXELS) ** (1 / 3)))
+    voxel = max(_VOXELS_PER_PIXEL * pixel, float((box.prod() / max_voxels) ** (1 / 3)))
     origin = low - _MARGIN * voxel
     shape = tuple(int(n) for n in np.ceil((high - low) / voxel).astype(int) + 2 * _MARGIN + 1)
     total, weight = np.zeros(shape, np.float32), np.zeros(shape, np.float32)

@@ -10,14 +10,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..core.arrays import Float32, Float64, Int32, Mask, Pixels
+from ..core.arrays import Float32, Float64, Int32, Mask, Pixels, normalized
 from ..core.errors import ObjectError
 from ..core.events import StopCheck
 from ..objects import DetailPhotos, spread_cameras
-from ..pictures import Scene, normalized
+from ..pictures import Scene
 from ..scene import Camera, Mesh
+from .agreement import agreeing_depths
 from .atlas import make_atlas, texels
-from .cleaning import areas_of, kept_faces, main_parts, used_vertices
+from .cleaning import areas_of, kept_faces, main_parts, used_vertices, vertex_normals
 from .depth import depth_maps
 from .fusion import Field, fuse, with_unseen_filled
 from .settings import MeshSettings
@@ -25,7 +26,7 @@ from .simplifying import simplified
 from .surface import extract_surface
 from .texture import SurfacePoints, colors_of, spread_colors
 
-__all__ = ["MeshResult", "mesh_object", "vertex_normals"]
+__all__ = ["MeshResult", "mesh_object"]
 
 _MIN_TRIANGLES = 100
 """Triangles of the fused surface below which it is no surface but the blots of a few Gaussians."""
@@ -47,7 +48,8 @@ class MeshResult:
         In the normalised world.
     record : dict
         Figures: ``triangles``, of them ``filled`` where no photo saw, the ``filled_share`` of the area, ``watertight``,
-        ``photos``, ``voxel``, ``area`` and ``volume`` in world units (None where it is not closed), side of the
+        ``photos``, ``toward`` (see `agreeing_depths`), ``voxel``, ``area`` and ``volume`` in world units (None where it
+        is not closed), side of the
         ``texture`` in pixels, ``untextured_share`` of the seen texture of which no photo gave a colour, ``seconds``.
     """
 
@@ -99,7 +101,9 @@ def mesh_object(
         raise ObjectError(
             "No photo shows a surface of this object: it is too transparent or too small. Export its Gaussians instead."
         )
-    tell(0.35)
+    tell(0.3)
+    maps, toward = agreeing_depths(maps, photos, should_stop=should_stop)
+    tell(0.4)
     field = fuse(maps, should_stop=should_stop)
     tell(0.5)
     vertices, faces, seen = _geometry(field, settings)
@@ -131,7 +135,7 @@ def mesh_object(
     record = {
         "triangles": len(faces), "filled": mesh.n_filled,
         "filled_share": round(float(area[~seen].sum() / area.sum()), 4),
-        "watertight": closed, "photos": len(maps), "voxel": field.voxel, "area": float(area.sum()),
+        "watertight": closed, "photos": len(maps), "toward": toward, "voxel": field.voxel, "area": float(area.sum()),
         "volume": mesh.volume if closed else None, "texture": side,
         "untextured_share": round(float(1 - known[:n_texels][seen_texels].mean()) if seen_texels.any() else 0.0, 4),
         "seconds": round(time.perf_counter() - started, 1),
@@ -156,20 +160,6 @@ def _geometry(field: Field, settings: MeshSettings) -> tuple[Float64, Int32, Mas
     kept = kept_faces(vertices, faces, seen, watertight=settings.watertight)
     vertices, faces = used_vertices(vertices, faces[kept])
     return simplified(vertices, faces, seen[kept], triangles=settings.triangles, closed=settings.watertight)
-
-
-def vertex_normals(vertices: Float64, faces: Int32) -> Float32:
-    """Return the normal of each vertex, [V, 3]: the mean of those of its triangles, by area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    products = np.cross(b - a, c - a)
-    sums = np.zeros((len(vertices), 3))
-    for k in range(3):
-        for axis in range(3):
-            sums[:, axis] += np.bincount(faces[:, k], products[:, axis], len(vertices))
-    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-    # A vertex whose triangles face away from each other has none: any is as good.
-    sums = np.where(lengths > 0, sums / np.where(lengths > 0, lengths, 1), (0.0, 0.0, 1.0))
-    return sums.astype(np.float32)
 
 
 def _points(

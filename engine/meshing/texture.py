@@ -18,6 +18,7 @@ from ..objects import DetailPhotos, read_part
 from ..rasterizer import JIT, Share, run_shared, take_range
 from ..scene import PinholeCamera
 from .depth import DepthMap
+from .drawing import mesh_depth
 
 __all__ = ["SurfacePoints", "colors_of", "spread_colors"]
 
@@ -163,16 +164,6 @@ def spread_colors(vertices: Float64, faces: Int32, colors: Float32, known: Mask)
     return result
 
 
-def mesh_depth(part: PinholeCamera, vertices: Float64, faces: Int32) -> Float32:
-    """Return the depth of the surface in each pixel, [h, w]; infinite where there is none."""
-    local = vertices @ part.viewmat[:3, :3].T + part.viewmat[:3, 3]
-    z = np.maximum(local[:, 2], 1e-6)
-    x, y = (local[:, k] / z * part.K[k, k] + part.K[k, 2] for k in (0, 1))
-    depth = np.full((part.height, part.width), np.inf, np.float32)
-    _draw(x, y, 1 / z, local[:, 2] > 1e-4, faces, depth)
-    return depth
-
-
 def _read_size(one: DepthMap, texel: float) -> PinholeCamera:
     """Return the part of a photo at the size at which it is read."""
     pixel = float(np.median(one.depth[one.depth > 0])) / one.full.K[0, 0]
@@ -192,28 +183,6 @@ def _usable(one: DepthMap, depth: Float32, tolerance: float) -> Float32:
     padded = np.pad(inside.astype(np.uint8), 1)
     distance = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
     return np.clip((distance - _EDGE) / max(1.0, _FEATHER * max(shown.shape)), 0, 1).astype(np.float32)
-
-
-@njit(**JIT)
-def _draw(x, y, inverse, front, faces, depth):  # type: ignore[no-untyped-def]
-    height, width = depth.shape
-    for face in range(len(faces)):
-        a, b, c = faces[face]
-        if not (front[a] and front[b] and front[c]):
-            continue
-        area = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
-        if area == 0:
-            continue
-        left, right = max(0.0, min(x[a], x[b], x[c]) - 0.5), min(width - 1.0, max(x[a], x[b], x[c]) + 0.5)
-        top, bottom = max(0.0, min(y[a], y[b], y[c]) - 0.5), min(height - 1.0, max(y[a], y[b], y[c]) + 0.5)
-        for row in range(int(top), int(bottom) + 1):
-            for column in range(int(left), int(right) + 1):
-                px, py = column + 0.5, row + 0.5
-                s = ((px - x[a]) * (y[c] - y[a]) - (py - y[a]) * (x[c] - x[a])) / area
-                t = ((x[b] - x[a]) * (py - y[a]) - (y[b] - y[a]) * (px - x[a])) / area
-                if s >= 0 and t >= 0 and s + t <= 1:
-                    z = 1 / (inverse[a] + s * (inverse[b] - inverse[a]) + t * (inverse[c] - inverse[a]))
-                    depth[row, column] = min(depth[row, column], z)
 
 
 @njit(**JIT)

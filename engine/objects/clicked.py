@@ -1,4 +1,4 @@
-"""What clicks on a photo mean, as masks of that photo, while the user is still clicking."""
+"""The meaning of clicks on a photo, as masks of that photo, while the user is still clicking."""
 
 from __future__ import annotations
 

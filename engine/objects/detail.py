@@ -87,7 +87,7 @@ _PREPARATION = 0.2
 
 @dataclass(frozen=True)
 class DetailResult:
-    """What detailing an object came to.
+    """The result of detailing an object.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class DetailResult:
 
     @property
     def sentence(self) -> str:
-        """What a user is told."""
+        """The sentence for the user."""
         record = self.record
         if not record["kept"]:
             return f"The object stays as it is in the scene: {record['why']}."
@@ -178,7 +178,7 @@ def detail_object(
 
 
 class _Cut(NamedTuple):
-    """What detail is trained on: of the members `rows`, `own`; their photos, and those that decide."""
+    """Input of the training of detail: of the members `rows`, `own`; their photos, and those that decide."""
 
     rows: NDArray[np.intp]
     own: NDArray[np.intp]

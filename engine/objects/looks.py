@@ -103,7 +103,7 @@ class Looks:
     box: Float32
     described: Float32
     _least: dict[str, float] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What `least_odds` returned, by the name of the detector."""
+    """Results of `least_odds`, by the name of the detector."""
 
     def scores(self, text: str, context: SegmentationContext) -> Float64:
         """Return how much each proposal looks like a text.
@@ -262,8 +262,8 @@ def build_looks(context: SegmentationContext) -> Looks:
         seen = _described(context, sets.members, sets.shown, np.unique(sets.like))
     odds = sets.odds
     if seen.rows.size:
-        _, told = _count_and_mean(seen.number, context.detector.whole_odds(seen.rows), sets.like)
-        odds = (_SET_WEIGHT * odds + told).astype(np.float32)
+        _, whole = _count_and_mean(seen.number, context.detector.whole_odds(seen.rows), sets.like)
+        odds = (_SET_WEIGHT * odds + whole).astype(np.float32)
     return Looks(sets.members, odds, sets.like, seen.number, seen.photo, seen.box, seen.rows)
 
 

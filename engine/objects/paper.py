@@ -13,10 +13,9 @@ import cv2
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from ..core.arrays import Float32, Floats, Mask
+from ..core.arrays import Float32, Floats, Mask, normalized
 from ..core.errors import PromptError
 from ..masks import mask_box
-from ..pictures import normalized
 from .context import SegmentationContext
 from .evidence import (
     clicks_by_photo,

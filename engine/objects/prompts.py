@@ -137,7 +137,6 @@ Prompt = TextPrompt | ClickPrompt | BoxPrompt | MaskPrompt
 
 def parse_prompt(
     *,
-    text: str | None = None,
     click: str | Sequence[str] | None = None,
     box: str | None = None,
     mask: str | None = None,
@@ -147,7 +146,6 @@ def parse_prompt(
 
     Parameters
     ----------
-    text : str, optional
     click : str or sequence of str, optional
         ``PHOTO=x,y``; several mean one object.
     box : str, optional
@@ -155,7 +153,7 @@ def parse_prompt(
     mask : str, optional
         ``PHOTO=MASK.png``.
     excluded : sequence of str
-        Clicks on what does not belong to the object. A text takes none.
+        Clicks on what does not belong to the object.
 
     Raises
     ------
@@ -163,13 +161,9 @@ def parse_prompt(
         When not exactly one prompt is given, or one has another form.
     """
     clicks = [click] if isinstance(click, str) else list(click or ())
-    if sum((text is not None, bool(clicks), box is not None, mask is not None)) != 1:
-        raise PromptError("Give exactly one prompt: a text, a click, a box or a mask.")
+    if sum((bool(clicks), box is not None, mask is not None)) != 1:
+        raise PromptError("Give exactly one prompt: a click, a box or a mask.")
     unwanted = tuple(parse_point(point) for point in excluded)
-    if text is not None:
-        if unwanted:
-            raise PromptError("A text takes no clicks. Isolate it first, then correct the object with --refine.")
-        return TextPrompt(text)
     if clicks:
         first, *more = (parse_point(point) for point in clicks)
         return ClickPrompt(first.photo, first.x, first.y, tuple(more), unwanted)

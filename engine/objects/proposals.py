@@ -1,6 +1,6 @@
 """Proposals: sets of Gaussians that may be objects, from the segments of the photos and from groups of the scene.
 
-How likely a set is an object is told by five measurements, and in `looks` by how it looks; see docs/objects.md.
+Five measurements say how likely a set is an object, and in `looks` how it looks; see docs/objects.md.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .lifting import MAX_COMMON
 from .views import MIN_VISIBLE_PIXELS, SAME_IOU
 from .votes import Votes, votes_of_known
 
-__all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
+__all__ = ["LEAST_PROBABILITY", "Proposals", "choose_sets", "find_proposals"]
 
 _SETS_TOGETHER = 16
 """Sets of Gaussians that are solved together. More need more memory and are hardly faster."""
@@ -108,7 +108,7 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     return Proposals(sets.toarray() > 0, odds[chosen].astype(np.float32), like, shown[chosen])
 
 
-def apart(members: Mask, gains: Floats) -> list[int]:
+def choose_sets(members: Mask, gains: Floats) -> list[int]:
     """Return which sets to choose for a large sum of gains.
 
     No two overlap by more than `MAX_COMMON` of the smaller one. The largest gains are chosen first; then a set is

@@ -1,4 +1,4 @@
-"""Texts that were refused: what is told of them, and what is offered instead."""
+"""Texts that were refused: the message for the user, and what is offered instead."""
 
 from __future__ import annotations
 

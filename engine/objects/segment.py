@@ -21,7 +21,7 @@ from .lifting import FoundObject, isolate_object, levels_of_each
 from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
-from .proposals import LEAST_PROBABILITY, apart
+from .proposals import LEAST_PROBABILITY, choose_sets
 from .settings import SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
@@ -199,7 +199,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """
     looks = load_or_build_looks(context.part(0, 2))
     context = context.part(1, 2)
-    chosen = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
+    chosen = choose_sets(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
     # Where two reach into each other, the likelier object keeps its Gaussians.

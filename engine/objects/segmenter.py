@@ -118,7 +118,7 @@ class Segmenter:
         again : sequence of (str or None)
             As of `segment_each_text`.
         context : SegmentationContext or None
-            To which the progress is told; None for the segmenter's own.
+            Receives the progress; None for the segmenter's own.
 
         Raises
         ------

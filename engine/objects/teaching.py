@@ -22,7 +22,7 @@ __all__ = ["learn", "taught_word", "teach_kept"]
 _UNNAMED = "object"
 """Name of an object that was clicked, boxed or painted and not named, see `engine.cli.commands.segment`."""
 _NUMBER = re.compile(r"[\s-]+\d+$")
-"""What `new_name` adds to the second object of a name."""
+"""The number that `new_name` adds to the second object of a name."""
 
 
 def taught_word(record: ObjectRecord) -> str:

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from ..cameras import covering_pinhole, distort, is_point_visible, undistort
-from ..core.arrays import Float32, Floats, Int32, Mask
+from ..core.arrays import Float32, Floats, Int32, Mask, normalized
 from ..core.errors import ObjectError
-from ..pictures import Rendered, Scene, normalized
+from ..pictures import Rendered, Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Camera, CameraSet, PinholeCamera
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .clusters import find_clusters
     from .png import encode_png, write_png
     from .render import Subject, render_view, visible_masks
-    from .scene import Backend, Rendered, Scene, normalized
+    from .scene import Backend, Rendered, Scene
     from .webp import decode_picture, encode_picture
 
 __all__ = [
@@ -22,7 +22,6 @@ __all__ = [
     "encode_picture",
     "encode_png",
     "find_clusters",
-    "normalized",
     "render_view",
     "visible_masks",
     "write_png",

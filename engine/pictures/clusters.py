@@ -7,9 +7,8 @@ import colorsys
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.arrays import Float32
+from ..core.arrays import Float32, normalized
 from ..masks.settings import INSTANCE_COSINE
-from .scene import normalized
 
 __all__ = ["cluster_colors", "find_clusters", "principal_colors"]
 

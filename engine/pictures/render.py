@@ -8,13 +8,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.arrays import Float32
+from ..core.arrays import Float32, normalized
 from ..core.errors import ObjectError, SettingsError
 from ..masks.settings import INSTANCE_COSINE
 from ..scene import Camera, Gaussians, PinholeCamera
 from .clusters import cluster_colors, find_clusters, principal_colors
 from .png import write_png
-from .scene import Backend, Scene, normalized
+from .scene import Backend, Scene
 from .settings import VISIBLE_SHARE
 
 __all__ = [

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..rasterizer import CachedView, GpuScene, Raster
 
-__all__ = ["Backend", "Rendered", "Scene", "normalized"]
+__all__ = ["Backend", "Rendered", "Scene"]
 
 _Result = TypeVar("_Result")
 
@@ -48,12 +48,6 @@ class Rendered:
 
     channels: Float32
     alpha: Float32
-
-
-def normalized(vectors: NDArray[np.floating]) -> Float32:
-    """Return `vectors`, [..., D], at unit length; zero vectors stay zero."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors, dtype=np.float32), where=lengths > 1e-12)
 
 
 class Scene:

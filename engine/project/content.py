@@ -1,4 +1,4 @@
-"""What a finished project holds, as Blender and the server show it: scene, objects and cameras.
+"""The contents of a finished project, as Blender and the server show it: scene, objects and cameras.
 
 Standard library and NumPy only.
 """

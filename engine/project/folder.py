@@ -45,7 +45,7 @@ _LOCK_FILE = "lock"
 _MAX_LOCK_BYTES = 300
 """Size of a lock with the longest name of a computer."""
 _OURS = (_LOCK_FILE, "log.jsonl", "trash")
-"""What a folder without ``project.json`` may hold and still become a project."""
+"""Names that a folder without ``project.json`` may hold and still become a project."""
 
 
 def stage_key(*parts: Any) -> str:

@@ -1,4 +1,4 @@
-"""What ran: versions of software, commit of the code, machine and time, as stages and objects record them."""
+"""The origin of results: versions, commit of the code, machine and time, as stages and objects record them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RUN: Schema = {
     "settings": optional(dict),
     "seed": optional((int, None)),
 }
-"""What `describe_run` returns, as stored files hold it."""
+"""The schema of the results of `describe_run` in stored files."""
 
 _PACKAGES = (
     "torch",

@@ -1,4 +1,4 @@
-"""What ``project.json`` contains, and the number of its format."""
+"""The schema of ``project.json``, and the number of its format."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_names import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES, NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .rays import RayCaster, RayHits, photo_ray, surface_point
+from .rotations import rotations_from_quats, unit_quats
 
 __all__ = [
     "FEATURE_DIM",
@@ -65,10 +66,12 @@ __all__ = [
     "photos_called",
     "read_camera_set",
     "read_photo_set",
+    "rotations_from_quats",
     "save_measurement",
     "save_detailed",
     "similarity_scale",
     "surface_point",
+    "unit_quats",
     "write_camera_set",
     "write_photo_set",
 ]

@@ -1,4 +1,4 @@
-"""What the photos say against their cameras, in one sentence. Standard library only."""
+"""The evidence of the photos against their cameras, in one sentence. Standard library only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the cameras of a scene look at."""
+"""The point that the cameras of a scene look at."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class MeasuredDistance:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What the user has measured in a scene. Without any of it, the scene is upright, and its unit is unknown.
+    """Measurements of the user in a scene. Without any, the scene is upright, and its unit is unknown.
 
     Attributes
     ----------

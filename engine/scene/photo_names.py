@@ -34,7 +34,7 @@ _MAX_SHOWN = 3
 
 @dataclass(frozen=True)
 class NameMatches:
-    """What `match_names` finds.
+    """The result of `match_names`.
 
     Attributes
     ----------

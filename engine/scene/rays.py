@@ -18,6 +18,7 @@ from .camera import Camera
 from .gaussians import Gaussians
 from .lens import focal_and_center, photo_pixels
 from .measurement import Point
+from .rotations import rotations_from_quats
 
 __all__ = ["RayCaster", "RayHits", "photo_ray", "surface_point"]
 
@@ -106,25 +107,13 @@ class RayCaster:
     def _alphas(self, rows: NDArray[np.int64], offsets: Float64, direction: Float64) -> tuple[Float64, Float64]:
         """Return distance and opacity of Gaussians where their density along the ray is highest, shape [K] each."""
         # In the frame in which a Gaussian is a unit sphere, the ray passes its centre nearest there.
-        axes = _rotations(self._quats[rows]) * np.exp(-self._log_scales[rows].astype(np.float64))[:, None, :]
+        axes = rotations_from_quats(self._quats[rows]) * np.exp(-self._log_scales[rows].astype(np.float64))[:, None, :]
         centers = np.einsum("ni,nij->nj", offsets, axes)
         directions = np.einsum("i,nij->nj", direction, axes)
         distances = np.einsum("nj,nj->n", centers, directions) / np.einsum("nj,nj->n", directions, directions)
         misses = centers - distances[:, None] * directions
         density = np.exp(-0.5 * np.einsum("nj,nj->n", misses, misses))
         return distances, np.minimum(self._opacities[rows] * density, _ALPHA_MAX)
-
-
-def _rotations(quats: NDArray[np.floating]) -> Float64:
-    """Return rotation matrices [N, 3, 3] of wxyz quaternions [N, 4] of any length above 0."""
-    lengths = np.linalg.norm(quats.astype(np.float64), axis=1)
-    w, x, y, z = (quats / np.where(lengths > 0, lengths, 1.0)[:, None]).astype(np.float64).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def photo_ray(camera: Camera, x: float, y: float) -> tuple[Float64, Float64]:

@@ -39,7 +39,7 @@ CLAIM = "claim of user"
 
 @dataclass(frozen=True)
 class Server:
-    """What the handlers of all requests share."""
+    """Objects that the handlers of all requests share."""
 
     settings: ServeSettings
     accounts: Accounts

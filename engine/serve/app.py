@@ -1,4 +1,4 @@
-"""The application: routes, the page, and how errors are told."""
+"""The application: routes, the page, and the answers to errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a project holds, as the API describes it."""
+"""The contents of a project, as the API describes it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from ..core.errors import HeritageError
-from ..core.files import object_file, path_within
+from ..core.files import bytes_of, object_file, path_within
 from ..delivery.records import describe_unit
 from ..project.content import ProjectObject, is_project, shown_objects
 from ..project.folder import ProjectFolder
@@ -16,7 +16,7 @@ from ..project.objects import RECORD_FILE, load_record, state_of
 from ..project.own_words import read_learning
 from ..project.refused_prompts import read_not_found
 from .job_queue import JobQueue, JobView
-from .library import WebProject, size_of
+from .library import WebProject
 from .settings import ServeSettings
 from .trash import TrashItem
 from .videos import describe_videos
@@ -126,7 +126,7 @@ def _photos(project: WebProject) -> list[dict[str, Any]]:
             rejected.update(dict.fromkeys(map(str, refuted), "The other photos refute its camera position."))
         used = set(project.photo_names()) - set(rejected)
     names = project.photo_names()
-    sizes = {name: size_of(project.photos / name) for name in names}
+    sizes = {name: bytes_of(project.photos / name) for name in names}
     return [
         {
             "name": name,

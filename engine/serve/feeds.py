@@ -1,4 +1,4 @@
-"""What happens in each project, sent to the browsers that watch it (server-sent events).
+"""Events of each project, sent to the browsers that watch it (server-sent events).
 
 Each event is complete in itself, so a browser that was away needs the newest of each kind and nothing older. Numbers
 rise whatever the clock does: they are its nanoseconds, or one more than the last. A browser whose last number is above

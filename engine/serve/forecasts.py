@@ -6,9 +6,9 @@ import hashlib
 from pathlib import Path
 
 from ..core.errors import FormatError, ProjectError
-from ..core.files import delete_derived, read_json, write_json
+from ..core.files import bytes_of, delete_derived, read_json, write_json
 from .engine_call import call_engine
-from .library import WebProject, size_of
+from .library import WebProject
 from .settings import ServeSettings
 
 __all__ = ["forecast_of_presets", "kept_forecast"]
@@ -61,6 +61,6 @@ def _file(project: WebProject, settings: ServeSettings) -> Path:
     names = project.photo_names()
     if not names:
         raise ProjectError("Upload photos first.")
-    sizes = [(name, size_of(project.photos / name)) for name in names]
+    sizes = [(name, bytes_of(project.photos / name)) for name in names]
     key = hashlib.sha256(repr((sizes, settings.device)).encode()).hexdigest()[:16]
     return project.cache / _NAME.format(key)

@@ -1,4 +1,4 @@
-"""What every request passes first: limits on bodies and slow clients, and headers that browsers obey.
+"""Checks that every request passes first: limits on bodies and slow clients, and headers that browsers obey.
 
 Plain ASGI, because Starlette's own base class for middleware would hold back streams.
 """

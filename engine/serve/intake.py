@@ -1,4 +1,4 @@
-"""What becomes of an uploaded file: it is checked by its content, and becomes a photo of its project or is refused."""
+"""Complete uploads: a file is checked by its content, and becomes a photo of its project or is refused."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..photos import SUFFIXES, VIDEO, kind_of_file, live_photo_of
 from ..photos.settings import VIDEO_SUFFIXES
 from .library import NotFound, WebProject, free_name
 from .settings import PHOTO_TYPES, ServeSettings
-from .small_photos import write_small_photo
+from .small_photos import copies_of, write_small_photo
 from .writers import only_writer
 
 __all__ = ["is_video", "is_video_name", "photo_name", "take_in_photo", "take_in_video"]
@@ -97,7 +97,7 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, sha256: str,
         try:
             _require_new(project, name, sha256, settings)
             name = free_name(name, _taken_names(project.photos))
-            replace_file(small, project.cache / f"{name}.small.jpg")
+            replace_file(small, project.cache / copies_of(name)[0])
             replace_file(upload, project.photos / name)
         except OSError as error:
             raise write_problem(project.photos / name, error) from error

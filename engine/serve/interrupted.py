@@ -1,6 +1,6 @@
 """Jobs that were stopped together with the server: which of them the next server continues.
 
-A job that ended while a server ran is marked as taken. One that is not, and told no reason of its own, was ended from
+A job that ended while a server ran is marked as taken. One that is not, and gave no reason of its own, was ended from
 outside: the container was stopped, or the computer was switched off.
 """
 

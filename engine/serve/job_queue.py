@@ -42,7 +42,7 @@ _WORDS = {
 }
 _STOPPED = "What is computed so far is kept. Continue goes on from there."
 _CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment": ("objects",)}
-"""What of a project a finished job of each kind has changed."""
+"""The parts of a project that a finished job of each kind has changed."""
 
 
 @dataclass(frozen=True)
@@ -331,7 +331,7 @@ def _view_of_job(job: Job) -> JobView:
         seconds_left_in_all=_left_in_all(job, state),
         message=_STOPPED if job.was_stopped() else state.message,
         warnings=tuple(state.warnings[-5:]),
-        # A process that told its error still has to end.
+        # A process that reported its error still has to end.
         error="" if state.running or job.was_stopped() else state.error,
         curve=tuple(state.curve),
         preview=bool(state.preview),

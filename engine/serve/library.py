@@ -11,13 +11,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ..core.errors import FormatError, ProjectError
-from ..core.files import delete_derived, is_inner_name, path_within, read_json, write_json, write_problem
+from ..core.files import bytes_of, delete_derived, is_inner_name, path_within, read_json, write_json, write_problem
 from ..photos.settings import VIDEO_SUFFIXES
 from .settings import PHOTO_TYPES, ServeSettings
+from .small_photos import copies_of
 from .trash import Trash, TrashItem
 from .writers import only_writer
 
-__all__ = ["PROJECT", "Library", "NotFound", "WebProject", "free_name", "size_of"]
+__all__ = ["PROJECT", "Library", "NotFound", "WebProject", "free_name"]
 
 PROJECT = "project"
 _INFO, _HASHES = "info.json", "hashes.json"
@@ -26,7 +27,7 @@ _ID = re.compile(r"[0-9a-f]{12}")
 
 
 class NotFound(ProjectError):
-    """What a request names does not exist, or belongs to another user: clients must not learn which."""
+    """The thing that a request names does not exist, or belongs to another user: clients must not learn which."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,7 @@ class WebProject:
 
     def _forget_copies(self, name: str) -> None:
         """Delete what was made from a photo: another one may get its name."""
-        for copy in (f"{name}.small.jpg", f"{name}.1600.jpg"):
+        for copy in copies_of(name):
             delete_derived(self.cache, copy)
 
     def _info(self) -> dict[str, str]:
@@ -228,14 +229,6 @@ def free_name(name: str, present: list[str]) -> str:
     while name.casefold() in taken:
         name, number = f"{stem} {number}{suffix}", number + 1
     return name
-
-
-def size_of(file: Path) -> int:
-    """Return the size of a file; 0 where it was removed meanwhile."""
-    try:
-        return file.stat().st_size
-    except FileNotFoundError:
-        return 0
 
 
 class Library:
@@ -338,15 +331,6 @@ class Library:
 
     def used_bytes(self) -> int:
         """Return the size of all uploaded files and of the trash, without unfinished uploads."""
-        folders = []
-        trash = self.trash.used_bytes()
-        for project in self.projects():
-            folders += [project.photos, project.videos]
-            trash += project.trash.used_bytes()
-        return trash + sum(
-            entry.stat().st_size
-            for folder in folders
-            if folder.is_dir()
-            for entry in os.scandir(folder)
-            if entry.is_file()
-        )
+        projects = list(self.projects())
+        trash = self.trash.used_bytes() + sum(project.trash.used_bytes() for project in projects)
+        return trash + sum(bytes_of(folder) for project in projects for folder in (project.photos, project.videos))

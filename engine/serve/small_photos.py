@@ -10,12 +10,21 @@ from numpy.typing import NDArray
 from ..core.errors import FormatError
 from ..core.files import atomic_write
 
-__all__ = ["SMALL_SIDE", "kept_small_photo", "small_photo", "write_small_photo"]
-__all__ = ["SMALL_SIDE", "kept_small_photo", "small_photo", "write_jpeg", "write_small_photo"]
+__all__ = [
+    "LARGE_SIDE",
+    "SMALL_SIDE",
+    "copies_of",
+    "kept_small_photo",
+    "small_photo",
+    "write_jpeg",
+    "write_small_photo",
+]
 
 SMALL_SIDE = 320
 """Pixels of the longest side in lists."""
-_SIDES = (SMALL_SIDE, 1600)
+LARGE_SIDE = 1600
+"""Pixels of the longest side where a photo is looked at."""
+_SIDES = (SMALL_SIDE, LARGE_SIDE)
 """Sizes that are kept; other ones are rounded up, so that a client cannot fill the disk."""
 _QUALITY = 88
 
@@ -43,12 +52,17 @@ def kept_small_photo(photo: Path, cache: Path, side: int) -> Path | None:
     return file if is_new else None
 
 
+def copies_of(name: str) -> list[str]:
+    """Return the names of all copies of a photo, the smallest first."""
+    return [f"{name}.{side}.jpg" for side in _SIDES]
+
+
 def _kept_side(side: int) -> int:
     return next((one for one in _SIDES if one >= side), _SIDES[-1])
 
 
 def _copy_of(photo: Path, cache: Path, kept: int) -> Path:
-    return cache / (f"{photo.name}.small.jpg" if kept == SMALL_SIDE else f"{photo.name}.{kept}.jpg")
+    return cache / copies_of(photo.name)[_SIDES.index(kept)]
 
 
 def write_small_photo(photo: Path, out: Path, *, side: int = SMALL_SIDE) -> None:

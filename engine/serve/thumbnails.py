@@ -12,7 +12,7 @@ from ..core.child_process import run_in_child
 from ..core.files import delete_derived, object_file
 from ..project.objects import RECORD_FILE, read_record
 from .library import NotFound, WebProject
-from .small_photos import write_jpeg
+from .small_photos import LARGE_SIDE, write_jpeg
 
 __all__ = ["object_thumbnail"]
 
@@ -23,8 +23,8 @@ _MASK = "seed.png"
 """Mask of the object in the photo that it was found in, which `engine.objects` stores."""
 _MAX_MEMORY, _MAX_SECONDS = 8 << 30, 120.0
 """Bounds of the child process that looks for an object in the photos."""
-_PHOTO_SIDE, _SIDE = 1600, 160
-"""Pixels of the longest side of the photo that is cut, and of the picture."""
+_SIDE = 160
+"""Pixels of the longest side of the picture."""
 _MARGIN = 0.2
 """Share of the object's size that is shown around it."""
 
@@ -83,7 +83,7 @@ def _box_of_mask(mask_file: Path, width: int, height: int) -> _Box:
 
     from ..photos import load_pixels
 
-    mask = load_pixels(mask_file, max_side=_PHOTO_SIDE)[..., 0]
+    mask = load_pixels(mask_file, max_side=LARGE_SIDE)[..., 0]
     # A mask of few pixels may vanish when it is reduced, but no mean over an area with one of them is 0.
     inside = cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA) > 0
     if not inside.any():
@@ -103,7 +103,7 @@ def _write(photo: Path, box_in: Callable[[int, int], _Box], file: Path) -> None:
 
     from ..photos import load_pixels
 
-    pixels = load_pixels(photo, max_side=_PHOTO_SIDE)
+    pixels = load_pixels(photo, max_side=LARGE_SIDE)
     height, width = pixels.shape[:2]
     x, y, w, h = box_in(width, height)
     half = max(w, h) * (1 + 2 * _MARGIN) / 2

@@ -1,4 +1,4 @@
-"""What the server deletes by itself, at its start and while it runs: abandoned uploads, and what is long in a trash."""
+"""The server deletes by itself, at its start and while it runs: abandoned uploads, and what is long in a trash."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user removed: it can be brought back until the trash is emptied, by the user or after some days."""
+"""The trash: what a user removed can be brought back until it is emptied, by the user or after some days."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.errors import DiskError
-from ..core.files import delete_derived, is_inner_name
+from ..core.files import bytes_of, delete_derived, is_inner_name
 from ..core.system import name_in_order, replace_file
 
 __all__ = ["Trash", "TrashItem"]
@@ -41,7 +41,7 @@ class TrashItem:
     def n_bytes(self) -> int:
         """Its size on the disk."""
         if self.path not in _sizes:
-            _sizes[self.path] = _size_of(self.path)
+            _sizes[self.path] = bytes_of(self.path)
         return _sizes[self.path]
 
 
@@ -122,9 +122,3 @@ class Trash:
         delete_derived(self._folder, item_id)
         for path in [path for path in _sizes if path.parent == self._folder / item_id]:
             _sizes.pop(path, None)
-
-
-def _size_of(path: Path) -> int:
-    if not path.is_dir() or path.is_symlink():
-        return path.lstat().st_size
-    return sum(os.lstat(os.path.join(folder, name)).st_size for folder, _, names in os.walk(path) for name in names)

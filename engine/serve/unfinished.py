@@ -49,7 +49,7 @@ class Upload:
     size : int
         Bytes of the whole file.
     sha256 : str
-        Of the whole file, where the client told it; empty otherwise.
+        Of the whole file, where the client stated it; empty otherwise.
     file : Path
         The bytes that have arrived.
     taken : bool

@@ -6,8 +6,9 @@ import re
 from pathlib import Path
 from typing import Any
 
+from ..core.files import bytes_of
 from ..workers.jobs import Job
-from .library import WebProject, size_of
+from .library import WebProject
 
 __all__ = ["describe_videos", "frames_arguments"]
 
@@ -40,7 +41,7 @@ def describe_videos(project: WebProject) -> list[dict[str, Any]]:
         described.append(
             {
                 "name": name,
-                "bytes": size_of(video),
+                "bytes": bytes_of(video),
                 "n_photos": n_photos,
                 "density": 0.0 if job is None else _density(job),
                 "stopped": is_stopped,

@@ -67,10 +67,12 @@ def _adam(
     step_size: np.float32,
     root_correction: np.float32,
     eps: np.float32,
+    largest: np.float32,
 ) -> None:
     """Update one parameter in place.
 
-    m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2;  p -= step_size m / (sqrt(v) root_correction + eps)
+    m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2;  p -= step_size m / (sqrt(v) root_correction + eps), which is
+    clamped to +-largest.
     """
     n = gradient.shape[0]
     first, last = take_range(share, n, _VALUES_PER_RANGE)
@@ -81,7 +83,8 @@ def _adam(
             v = beta2 * square[i] + one_minus_beta2 * g * g
             mean[i] = m
             square[i] = v
-            parameter[i] -= step_size * m / (np.sqrt(v) * root_correction + eps)
+            change = step_size * m / (np.sqrt(v) * root_correction + eps)
+            parameter[i] -= min(largest, max(-largest, change))
         first, last = take_range(share, n, _VALUES_PER_RANGE)
 
 
@@ -92,9 +95,10 @@ def adam_step(
     beta1: float = BETAS[0],
     beta2: float = BETAS[1],
     eps: float = EPS,
+    largest: float = math.inf,
     threads: int | None = None,
 ) -> None:
-    """Do one step of Adam, as `torch.optim.Adam` does it, on several parameters.
+    """Do one step of Adam, as `torch.optim.Adam` does it, on several parameters, with limited changes.
 
     Parameters
     ----------
@@ -107,6 +111,9 @@ def adam_step(
         Decay of the running means of the gradient and of its square.
     eps : float
         Added to the denominator.
+    largest : float
+        Largest change of a value, in its learning rate; torch has no limit. A value whose moments were zero or faded,
+        while the number of steps is large, would change by up to 6 times its rate in a step.
     threads : int, optional
         All usable cores by default.
 
@@ -138,7 +145,16 @@ def adam_step(
         step_size = rate / (1.0 - beta1**state.step)
         root_correction = 1.0 / math.sqrt(1.0 - beta2**state.step)
         arrays = [tensor.detach().numpy().reshape(-1) for tensor in (parameter, state.mean, state.square)]
-        factors = (beta1, beta2, 1.0 - beta1, 1.0 - beta2, step_size, root_correction, eps)
+        factors = (
+            beta1,
+            beta2,
+            1.0 - beta1,
+            1.0 - beta2,
+            step_size,
+            root_correction,
+            eps,
+            largest * rate if rate else 0.0,
+        )
         calls.append((new_counters(threads), arrays, gradient, [np.float32(factor) for factor in factors]))
 
     def work(share: Share) -> None:

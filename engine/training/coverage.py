@@ -12,7 +12,7 @@ from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import PinholeCamera
 from .parameters import render
 
-__all__ = ["WELL_SEEN", "Coverage"]
+__all__ = ["WELL_SEEN", "Coverage", "reduced_camera"]
 
 WELL_SEEN = 3
 """Number of training photos from which a place counts as well seen: two determine its depth, a third confirms it."""
@@ -46,7 +46,7 @@ class Coverage:
         self, values: dict[str, torch.Tensor], cameras: Sequence[PinholeCamera], *, backend: Backend = "cpu"
     ) -> None:
         self._values, self._backend = values, backend
-        self._seen = [(camera, self._depth(camera)) for camera in (_reduced(one, SIDE) for one in cameras)]
+        self._seen = [(camera, self._depth(camera)) for camera in (reduced_camera(one, SIDE) for one in cameras)]
 
     def counts(self, camera: PinholeCamera) -> NDArray[np.int32]:
         """Return how many training photos see what each pixel of a camera shows, shape [height, width].
@@ -55,7 +55,7 @@ class Coverage:
         count 0.
         """
         width, height = camera.width, camera.height
-        camera = _reduced(camera, COUNTED_SIDE)
+        camera = reduced_camera(camera, COUNTED_SIDE)
         depth = self._depth(camera)
         rows, columns = np.nonzero(np.isfinite(depth))
         rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(camera.K).T
@@ -88,7 +88,7 @@ class Coverage:
         return np.where(cover >= MIN_COVER, cover / np.maximum(blended, 1e-12), np.inf)
 
 
-def _reduced(camera: PinholeCamera, side: int) -> PinholeCamera:
+def reduced_camera(camera: PinholeCamera, side: int) -> PinholeCamera:
     """Return the camera with pictures of at most `side` pixels."""
     scale = min(1.0, side / max(camera.width, camera.height))
     width, height = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))

@@ -60,10 +60,11 @@ class CpuSteps:
 
     def _update(self) -> None:
         state = self._state
-        state.parameters.step(self._schedule.learning_rates(state.step))
+        largest = self._inputs.settings.optimiser.largest_step
+        state.parameters.step(self._schedule.learning_rates(state.step), largest=largest)
         if state.exposure.grad is not None:
             exposure, rate = state.exposure.detach(), self._schedule.exposure_rate(state.step)
-            adam_step([(exposure, state.exposure.grad, rate)], [state.exposure_moments])
+            adam_step([(exposure, state.exposure.grad, rate)], [state.exposure_moments], largest=largest)
             # The brightness common to all photos is part of the colours of the Gaussians.
             views = self._schedule.trained_on(state.step)
             exposure[views] -= exposure[views].mean(dim=0)

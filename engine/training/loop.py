@@ -18,18 +18,19 @@ from ..scene import Gaussians
 from .adam import AdamState
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .compilation import compile_kernels
-from .coverage import Coverage
+from .coverage import Coverage, reduced_camera
 from .cpu_steps import CpuSteps
 from .guards import check_result, check_start, clamp_parameters, translate_out_of_memory
 from .held_out import MAX_MEASURED_PHOTOS, Clock, CurvePoint, flat_psnr, mean_color, measure, write_picture
 from .parameters import Parameters
 from .quality import measure_levels
 from .result import TrainingResult, make_result
-from .schedule import Schedule
+from .schedule import THIN, Schedule
 from .settings import PREVIEW_FILE, TEST_PHOTOS, TrainingSettings
 from .spectrum import coarse_shares
 from .start import StartPoints
 from .steps import Inputs, Steps
+from .thinning import MAX_CAMERAS, SIDE, changes_by_removal, thin
 from .transients import find_transients
 from .trials import Trial, brightness_factors, exposure_corrected_quality
 from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
@@ -237,6 +238,7 @@ class _TrainingRun:
         yield self.settings.schedule.steps
         yield from schedule.curve_steps
         yield from schedule.trials
+        yield from schedule.thinnings
         yield from schedule.searches_for_transients
         yield schedule.validation_until
         if self.steps.checkpoint_seconds is None:
@@ -297,6 +299,8 @@ class _TrainingRun:
             self._steps_at_once = max(1, min(int(fitting), MAX_STEPS_AT_ONCE))
             if state.step in schedule.searches_for_transients:
                 self._search_transients()
+            if state.step in schedule.thinnings:
+                self._thin(schedule.thinnings[state.step])
             if schedule.reductions(state.step) != reductions:
                 self.pyramid.free_smaller_levels(schedule.reductions(state.step))
 
@@ -314,6 +318,19 @@ class _TrainingRun:
         )
         self.state.transient_masks = {view: mask for view, mask in enumerate(masks) if mask is not None}
         self.pyramid.mask_pixels(self.state.transient_masks)
+
+    def _thin(self, n: int) -> None:
+        """Remove the Gaussians that the pictures need least, until `n` are left."""
+        state, schedule = self.state, self.schedule
+        self.steps.store()
+        views = schedule.trained_on(state.step)
+        cameras = [self.pyramid.views[views[i]].pinhole for i in evenly_spaced_indices(len(views), MAX_CAMERAS)]
+        changes = changes_by_removal(
+            state.parameters.values, [reduced_camera(camera, SIDE) for camera in cameras],
+            backend=self.settings.backend, sh_degree=self._sh_degree(), generator=schedule.generator(state.step, THIN),
+        )  # fmt: skip
+        thin(state.parameters, changes, n)
+        self.steps.use(state, schedule)
 
     def report(self) -> None:
         """Measure the error, write the preview and a checkpoint, and emit progress, each when it is due."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,15 +93,18 @@ class Parameters:
             value.requires_grad_(True)
             value.grad = None
 
-    def step(self, learning_rates: dict[str, float]) -> None:
-        """Make one Adam step, in place, for each named value that has a gradient; others keep their moments."""
+    def step(self, learning_rates: dict[str, float], *, largest: float = math.inf) -> None:
+        """Make one Adam step, in place, for each named value that has a gradient; others keep their moments.
+
+        `largest` is that of `adam_step`.
+        """
         names = [name for name in learning_rates if name in self.values and self.values[name].grad is not None]
         with torch.no_grad():
             for name in names:
                 if self.n_background and name != "features":
                     self.values[name].grad[: self.n_background] = 0.0  # type: ignore[index]
             triples = [(self.values[n].detach(), self.values[n].grad, learning_rates[n]) for n in names]
-            adam_step(triples, [self.moments[n] for n in names])  # type: ignore[arg-type]
+            adam_step(triples, [self.moments[n] for n in names], largest=largest)  # type: ignore[arg-type]
 
     def overwrite(self, rows: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
         """Set the named values of `rows` and reset all moments of these rows."""
@@ -119,6 +123,13 @@ class Parameters:
             zeros = torch.zeros_like(new[name])
             state.mean = torch.cat([state.mean, zeros])
             state.square = torch.cat([state.square, zeros])
+
+    def keep(self, rows: torch.Tensor) -> None:
+        """Remove all Gaussians but `rows`, which begin with those of the background."""
+        for name, value in self.values.items():
+            self.values[name] = value.detach()[rows]
+            moment = self.moments[name]
+            self.moments[name] = AdamState(moment.mean[rows], moment.square[rows], moment.step)
 
     def copies(self, rows: torch.Tensor) -> dict[str, torch.Tensor]:
         """Return the values of `rows`."""

@@ -12,9 +12,9 @@ import torch
 from .settings import MAX_GROW_FACTOR, TrainingSettings, validation_photos
 from .spectrum import TYPICAL_SHARES
 
-__all__ = ["ANCHORS", "COOLDOWN_END", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "Schedule"]
+__all__ = ["ANCHORS", "COOLDOWN_END", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "THIN", "Schedule"]
 
-SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP = 1, 2, 3, 4, 5, 6
+SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP, THIN = 1, 2, 3, 4, 5, 6, 7
 """Purposes of random draws, see `Schedule.generator`."""
 
 SIZE_INDEPENDENT_WORK = 0.25  # chosen on museum_room
@@ -28,6 +28,9 @@ rest. See docs/design_notes/training.md."""
 TRANSIENT_SEARCHES = (0.2, 0.4)  # chosen on museum_room
 """Fractions of the steps after which transients are searched. Each search replaces the result of the one before:
 Gaussians that fitted a transient fade once its pixels are left out."""
+
+THINNINGS = (0.6, 0.7, 0.8)  # chosen on room_6, meeting_place9
+"""Fractions of the steps after which Gaussians are removed, where fewer are kept than there may be."""
 
 _COARSE_UNTIL = 0.5  # chosen on museum_room, sakharov_statue32
 """Fraction of the steps that smaller pictures would take if full size added no detail. Each size takes as much of it as
@@ -65,6 +68,8 @@ class Schedule:
     curve_steps : frozenset of int
         Numbers of finished steps after which the test photos are measured.
     searches_for_transients : frozenset of int
+    thinnings : dict of int to int
+        Numbers of Gaussians that are left, by the number of finished steps after which others are removed.
     """
 
     def __init__(
@@ -87,6 +92,7 @@ class Schedule:
         self._work = np.concatenate([[0.0], np.cumsum(per_step)])
         searches = TRANSIENT_SEARCHES if settings.appearance.transients else ()
         self.searches_for_transients = frozenset(max(1, round(part * settings.schedule.steps)) for part in searches)
+        self.thinnings = self._numbers_left() if settings.growth.kept < 1 else {}
         self.trial_steps = settings.trial_steps(n_views)
         self._cooling_start = settings.schedule.steps - self._cooling_steps
         self.trials = self._bands_to_try() if self.trial_steps else {}
@@ -161,6 +167,7 @@ class Schedule:
         trial = copy.copy(self)
         trial._cooling_start, trial._cooling_steps = step, self.trial_steps
         trial.validation_until = self._settings.schedule.steps
+        trial.thinnings = {}
         trial._settings = self._settings.changed(lr_sh_rest=self._settings.optimiser.lr_sh)
         return trial
 
@@ -206,9 +213,11 @@ class Schedule:
         """Return the number of Gaussians after growth of `n` Gaussians at the step.
 
         With ``growth_strategy="mixed"``, the limit is proportional to the size of the pictures, because small pictures
-        show less detail.
+        show less detail. None are added once Gaussians have been removed, see `thinnings`.
         """
         growth = self._settings.growth
+        if growth.kept < 1 and step >= THINNINGS[0] * self._settings.schedule.steps:
+            return n
         limit = growth.max_gaussians
         if growth.growth_strategy == "mixed":
             limit = int(limit * self.scale(step))
@@ -228,6 +237,15 @@ class Schedule:
     def growth_ended(self, step: int) -> bool:
         """Return whether Gaussians are no longer relocated or added."""
         return step >= min(self._settings.growth.grow_until * self._settings.schedule.steps, self._cooling_start)
+
+    def _numbers_left(self) -> dict[int, int]:
+        """Return the numbers of Gaussians that are left after each removal, by equal factors, see `thinnings`."""
+        growth = self._settings.growth
+        parts = [(place + 1) / len(THINNINGS) for place in range(len(THINNINGS))]
+        return {
+            max(1, round(at * self._settings.schedule.steps)): max(1, round(growth.max_gaussians * growth.kept**part))
+            for at, part in zip(THINNINGS, parts, strict=True)
+        }
 
     def _bands_to_try(self) -> dict[int, int]:
         """Return the bands that are tried, see `trials`."""

@@ -131,6 +131,8 @@ class OptimiserSettings:
     lr_end : float
         Factor that all rates but that of the positions reach at the last step; exponential over the second half of the
         steps.
+    largest_step : float
+        Largest change of a value in one step, in its rate, see `adam_step`; a million is no limit.
     """
 
     lr_means: float = 1.6e-3  # chosen on museum_room
@@ -143,6 +145,7 @@ class OptimiserSettings:
     lr_features: float = 0.01  # chosen on museum_room
     lr_exposure: float = 0.002  # chosen on museum_room
     lr_end: float = 0.2  # chosen on museum_room
+    largest_step: float = 1.0  # chosen on banana16, museum_room, room_3, room_6, room_8
 
     def __post_init__(self) -> None:
         require_positive(self, *(rate.name for rate in fields(self)))
@@ -198,6 +201,8 @@ class GrowthSettings:
     full_by : float
         Part of the time of growth after which the largest number is reached: where `grow_factor` is too small for that,
         as with few sparse points, the factor is larger. 0 leaves it as it is.
+    kept : float
+        Part of the largest number that is left in the end, see `thinning`; 1 removes none.
     noise : float
         Strength of the random walk of nearly transparent Gaussians.
     """
@@ -213,6 +218,7 @@ class GrowthSettings:
     grow_interval: int = 30  # chosen on museum_room
     grow_factor: float = 1.05  # Kheradmand et al. 2024
     full_by: float = 0.0
+    kept: float = 1.0
     noise: float = 5e5  # Kheradmand et al. 2024
 
     def __post_init__(self) -> None:
@@ -224,6 +230,7 @@ class GrowthSettings:
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         factors = f"between 1 and {MAX_GROW_FACTOR:g}"
         require(self, "grow_factor", 1 <= self.grow_factor <= MAX_GROW_FACTOR, factors)
+        require(self, "kept", 0 < self.kept <= 1, "above 0 and at most 1")
         require_at_least(self, 0, "noise")
 
     @property
@@ -493,7 +500,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
             max_side=980, lr_features=0.0025, feature_init="paper",  # Dahaghin et al. 2024
             feature_gradient="joint", clustering_interval=50, clustering_pixels=0,  # Dahaghin et al. 2024
             regularisation="paper", regularisation_interval=100,  # Dahaghin et al. 2024
-            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, cooldown=0.0,
+            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, largest_step=1e6, cooldown=0.0,
             exposure=False, trial_fraction=0.0, lambda_ray=0.0,
         ),
         offered=False,

@@ -1,14 +1,13 @@
-"""The size of a folder, counted beside Blender's work: a panel cannot wait for thousands of files. Without bpy."""
+"""The size of a folder, counted while Blender works: a panel cannot wait for thousands of files. Without bpy."""
 
 from __future__ import annotations
 
-import os
 import threading
 from pathlib import Path
 
-from ...engine.core.files import stamp_of
+from ...engine.core.files import bytes_of, stamp_of
 
-__all__ = ["count", "folder_bytes"]
+__all__ = ["folder_bytes"]
 
 _known: dict[tuple[Path, tuple[int, int]], int | None] = {}
 """Bytes by folder and the time of its last change; None while they are counted."""
@@ -27,17 +26,5 @@ def folder_bytes(folder: Path) -> int | None:
     return _known.get(key)
 
 
-def count(folder: Path) -> int:
-    """Count the bytes of the files in a folder; those that cannot be read count nothing."""
-    total = 0
-    for where, _, names in os.walk(folder):
-        for name in names:
-            try:
-                total += os.lstat(os.path.join(where, name)).st_size
-            except OSError:
-                continue
-    return total
-
-
 def _count(folder: Path, changed: tuple[int, int]) -> None:
-    _known[folder, changed] = count(folder)
+    _known[folder, changed] = bytes_of(folder)

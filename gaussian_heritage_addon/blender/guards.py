@@ -33,11 +33,8 @@ __all__ = [
     "property_callbacks",
     "redraw",
     "register_class",
-    "remove_change_handler",
-    "remove_datablock_handler",
     "remove_draw_handler",
     "remove_handler",
-    "remove_save_handlers",
     "remove_menu_entry",
     "subscribe",
     "unsubscribe",
@@ -273,118 +270,87 @@ _MENU_ENTRIES: dict[Function, Function] = {}
 
 def add_load_handler(function: Callable[[], None]) -> None:
     """Call `function` after each .blend file that Blender loads."""
-
-    _add_handler(function, bpy.app.handlers.load_post)
+    _add_handler(function, _nothing, bpy.app.handlers.load_post)
 
 
 def add_undo_handler(function: Callable[[], None]) -> None:
     """Call `function` after each step that Blender undoes or does again."""
-    _add_handler(function, bpy.app.handlers.undo_post, bpy.app.handlers.redo_post)
+    _add_handler(function, _nothing, bpy.app.handlers.undo_post, bpy.app.handlers.redo_post)
 
 
 def add_update_handler(function: Callable[[], None]) -> None:
     """Call `function` after each change of any kind, such as of the selection, and after undo."""
-    _add_handler(function, bpy.app.handlers.depsgraph_update_post)
+    _add_handler(function, _nothing, bpy.app.handlers.depsgraph_update_post)
+
+
+def add_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
+    """Call `function` with the data whose geometry changed, after each change that Blender has evaluated, and undo."""
+
+    def changed(_: Any, depsgraph: bpy.types.Depsgraph) -> tuple[list[bpy.types.ID]]:
+        return ([one.id.original for one in depsgraph.updates if one.is_updated_geometry],)
+
+    _add_handler(function, changed, bpy.app.handlers.depsgraph_update_post, failed=_shown)
+
+
+def add_datablock_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
+    """Call `function` with all data that changed in any way, such as in name, as `add_change_handler` does."""
+
+    def changed(_: Any, depsgraph: bpy.types.Depsgraph) -> tuple[list[bpy.types.ID]]:
+        return ([one.id.original for one in depsgraph.updates],)
+
+    _add_handler(function, changed, bpy.app.handlers.depsgraph_update_post, failed=_shown)
 
 
 def add_save_handlers(before: Callable[[str], None], after: Callable[[str], None]) -> None:
     """Call `before` and `after` with the path of each .blend file that Blender writes, also where it fails."""
-    for function, events in (
-        (before, [bpy.app.handlers.save_pre]),
-        (after, [bpy.app.handlers.save_post, bpy.app.handlers.save_post_fail]),
-    ):
-        handler = _save_handler(_guarded(function, Timer._failed))
-        for event in events:
-            event.append(handler)
-            _SAVE_HANDLERS.append((event, handler))
 
+    def path(file: str, *_: Any) -> tuple[str]:
+        return (file,)
 
-def _save_handler(guarded: Function) -> Function:
-    def at_saving(file: str, *_: Any) -> None:
-        guarded(file)
-
-    return bpy.app.handlers.persistent(at_saving)  # type: ignore[no-any-return]
-
-
-def remove_save_handlers() -> None:
-    """Undo `add_save_handlers`."""
-    while _SAVE_HANDLERS:
-        event, handler = _SAVE_HANDLERS.pop()
-        event.remove(handler)
-
-
-_SAVE_HANDLERS: list[tuple[list[Function], Function]] = []
+    _add_handler(before, path, bpy.app.handlers.save_pre)
+    _add_handler(after, path, bpy.app.handlers.save_post, bpy.app.handlers.save_post_fail)
 
 
 def add_import_handler(function: Callable[[list[tuple[bpy.types.ID, str]]], None]) -> None:
     """Call `function` with the data that was appended or linked, and the path of the .blend file of each."""
 
-    def after_import(context: Any, *_: Any) -> None:
+    def imported(context: Any, *_: Any) -> tuple[list[tuple[bpy.types.ID, str]]]:
         items = [(item.id, item.source_library) for item in context.import_items]
-        guarded([(one, library.filepath) for one, library in items if one is not None and library is not None])
+        return ([(one, library.filepath) for one, library in items if one is not None and library is not None],)
 
-    guarded = _guarded(function, Timer._failed)
-    handler = bpy.app.handlers.persistent(after_import)
-    _HANDLERS[function] = [(bpy.app.handlers.blend_import_post, handler)]
-    bpy.app.handlers.blend_import_post.append(handler)
-
-
-def _add_handler(function: Callable[[], None], *events: list[Function]) -> None:
-    def after_event(*_: Any) -> None:
-        guarded()
-
-    guarded = _guarded(function, Timer._failed)
-    handler = bpy.app.handlers.persistent(after_event)
-    _HANDLERS[function] = [(event, handler) for event in events]
-    for event in events:
-        event.append(handler)
+    _add_handler(function, imported, bpy.app.handlers.blend_import_post)
 
 
 def remove_handler(function: Callable[..., None]) -> None:
-    """Undo `add_load_handler`, `add_undo_handler`, `add_update_handler` or `add_import_handler`.
-
-    Nothing happens where it was not called.
-    """
+    """Undo all that added `function` as a handler; nothing happens where nothing did."""
     for event, handler in _HANDLERS.pop(function, ()):
         event.remove(handler)
 
 
+def _nothing(*_: Any) -> tuple[()]:
+    return ()
+
+
+def _add_handler(
+    function: Callable[..., None],
+    arguments: Callable[..., tuple[Any, ...]],
+    *events: list[Function],
+    failed: Failed = Timer._failed,
+) -> None:
+    """Call `function` after `events`, with the `arguments` that follow from those that Blender gives."""
+
+    def after_event(*given: Any) -> None:
+        guarded(*arguments(*given))
+
+    guarded = _guarded(function, failed)
+    handler = bpy.app.handlers.persistent(after_event)
+    _HANDLERS.setdefault(function, []).extend((event, handler) for event in events)
+    for event in events:
+        event.append(handler)
+
+
 _HANDLERS: dict[Callable[..., None], list[tuple[list[Function], Function]]] = {}
-
-
-def add_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
-    """Call `function` with the data whose geometry changed, after each change that Blender has evaluated, and undo."""
-    _add_update_handler(function, only_geometry=True)
-
-
-def add_datablock_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
-    """Call `function` with all data that changed in any way, such as in name, as `add_change_handler` does."""
-    _add_update_handler(function, only_geometry=False)
-
-
-def _add_update_handler(function: Callable[[list[bpy.types.ID]], None], *, only_geometry: bool) -> None:
-    def after_change(_: Any, depsgraph: bpy.types.Depsgraph) -> None:
-        updates = [one for one in depsgraph.updates if one.is_updated_geometry or not only_geometry]
-        guarded([one.id.original for one in updates])
-
-    guarded = _guarded(function, _shown)
-    _CHANGE_HANDLERS[function] = bpy.app.handlers.persistent(after_change)
-    bpy.app.handlers.depsgraph_update_post.append(_CHANGE_HANDLERS[function])
-
-
-def remove_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
-    """Undo `add_change_handler`; nothing happens where it was not called."""
-    handler = _CHANGE_HANDLERS.pop(function, None)
-    if handler is not None:
-        bpy.app.handlers.depsgraph_update_post.remove(handler)
-
-
-def remove_datablock_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
-    """Undo `add_datablock_handler`; nothing happens where it was not called."""
-    remove_change_handler(function)
-
-
-_CHANGE_HANDLERS: dict[Callable[[list[bpy.types.ID]], None], Function] = {}
+"""By function: the events of Blender that call it, and what they call."""
 
 
 def subscribe(key: Any, function: Callable[[], None]) -> None:

@@ -56,7 +56,7 @@ def plain_text(text: str) -> str:
 
 
 def sentence_of(error: Exception) -> str:
-    """Return what the user is told about `error`.
+    """Return the sentence for the user about `error`.
 
     The message of a `HeritageError` is such a sentence. Any other error is a mistake in this program or a full memory:
     it is logged with its traceback, and the sentence names the log file.

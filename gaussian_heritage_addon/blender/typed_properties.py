@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import Any, TypeVar
 
-__all__ = ["blender_properties"]
+__all__ = ["blender_properties", "call_properties"]
 
 _Class = TypeVar("_Class", bound=type)
 
@@ -24,6 +24,14 @@ def blender_properties(cls: _Class) -> _Class:
     functions such as ``_record_changed`` must be defined above the class.
     """
     cls.__annotations__ = inspect.get_annotations(cls, eval_str=True, locals={"Annotated": _PropertyOf})
+    return cls
+
+
+def call_properties(cls: _Class) -> _Class:
+    """Do the same for an operator of which no value of a call becomes the default of the next one."""
+    blender_properties(cls)
+    for made in cls.__annotations__.values():
+        made.keywords["options"] = {"SKIP_SAVE"}
     return cls
 
 

@@ -1,4 +1,4 @@
-"""What jobs do, in the words of their buttons."""
+"""Names of jobs, in the words of their buttons."""
 
 from __future__ import annotations
 

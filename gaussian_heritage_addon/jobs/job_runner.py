@@ -99,7 +99,7 @@ def stopped(scene: bpy.types.Scene) -> list[tuple[int, Job, JobState]]:
 def belongs_to(job: Job, scene: bpy.types.Scene) -> bool:
     """Return whether `scene` is where the user looks for a job: it shows its project, or none in the same file.
 
-    A job that belongs to no project is told everywhere.
+    A job that belongs to no project is shown everywhere.
     """
     if job.kind not in PROJECT_KINDS:
         return True
@@ -402,7 +402,7 @@ def _poll_next() -> None:
 
 
 def _import(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
-    # Before the import: a result that cannot be imported is told once, and not again after each start of Blender.
+    # Before the import: a result that cannot be imported is reported once, and not again after each start of Blender.
     job.mark_taken()
     import_results(job, state, scene)
     if job.kind in PROJECT_KINDS:
@@ -441,7 +441,7 @@ def _search() -> None:
 
 
 def _after_loading() -> None:
-    """Leave what was told of the former file, and search for jobs."""
+    """Forget the messages about the former file, and search for jobs."""
     global _file_number
     _file_number += 1
     problems.clear()

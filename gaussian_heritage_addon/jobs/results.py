@@ -1,4 +1,4 @@
-"""What Blender does with the results of finished jobs: which scene they enter, and how they are imported."""
+"""The results of finished jobs in Blender: which scene they enter, and how they are imported."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ _LIKENESS = {
     "probably": pgettext_n("Probably: {}"),
     "clearly": pgettext_n("Clearly: {}"),
 }
-"""What is said of a match instead of a number."""
+"""The words for a match, shown instead of a number."""
 
 
 def _is_guess(properties: HeritageObject) -> bool:

@@ -177,8 +177,8 @@ class HERITAGE_PT_progress(bpy.types.Panel):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether there is anything to tell about jobs."""
         scene = context.scene
-        told = (_shown_job() is not None, job_runner.waiting(), job_runner.stopped(scene), job_runner.undecided())
-        return any(told) or bool(_problems(scene))
+        jobs = (_shown_job() is not None, job_runner.waiting(), job_runner.stopped(scene), job_runner.undecided())
+        return any(jobs) or bool(_problems(scene))
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""

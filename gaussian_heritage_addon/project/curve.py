@@ -24,6 +24,8 @@ _LINE = np.array([0.92, 0.49, 0.20], np.float32)
 _GRID = np.array([0.55, 0.55, 0.55], np.float32)
 _LEFT, _BOTTOM, _BORDER = 26, 16, 8
 """Margins of the plot in pixels. Those on the left and at the bottom hold the numbers."""
+_SIZE = 256, 160
+"""Width and height of the image in pixels."""
 _SCALE = 2
 """Image pixels for each pixel of a glyph."""
 _MAX_POINTS = 256
@@ -58,25 +60,24 @@ def thinned(points: Sequence[Point]) -> tuple[Point, ...]:
     return tuple(points[number] for number in np.linspace(0, len(points) - 1, _MAX_POINTS).astype(int))
 
 
-def curve_picture(points: Sequence[Point], width: int = 256, height: int = 160) -> Float32 | None:
+def curve_picture(points: Sequence[Point]) -> Float32 | None:
     """Return an image of PSNR against seconds, for a panel.
 
     Parameters
     ----------
     points : sequence of (float, float)
         Points that no training has are ignored: values that are not finite, seconds that are not positive.
-    width, height : int
-        Size of the image in pixels.
 
     Returns
     -------
-    array of shape [height, width, 4], float32, or None
+    array of shape [160, 256, 4], float32, or None
         RGBA with the bottom row first, as in Blender; None for fewer than two points.
     """
     usable = sorted((s, p) for s, p in thinned(points) if _MIN_SECONDS < s < _MAX_SECONDS and abs(p) < _MAX_PSNR)
     if len(usable) < 2 or usable[0][0] == usable[-1][0]:
         return None
     seconds, psnr = np.array(usable).T
+    width, height = _SIZE
     x_axis = _Axis(math.log10(seconds[0]), math.log10(seconds[-1]), _LEFT, width - _BORDER)
     # At least 1 dB, so that the noise of a flat curve does not look like progress.
     y_axis = _Axis(psnr.min(), max(psnr.max(), psnr.min() + 1.0), _BOTTOM, height - _BORDER)

@@ -1,4 +1,4 @@
-"""What the user sees when a job starts and when a scene arrives: the sidebar, and the scene through a photo."""
+"""The view when a job starts and when a scene arrives: the sidebar, and the scene through a photo."""
 
 from __future__ import annotations
 

@@ -10,9 +10,7 @@ from ..blender.guards import (
     add_load_handler,
     add_save_handlers,
     add_update_handler,
-    remove_change_handler,
     remove_handler,
-    remove_save_handlers,
 )
 from ..splats import display_settings
 from ..splats.properties import apply_visibility, follow_eyes
@@ -74,8 +72,9 @@ def register() -> None:
 
 def unregister() -> None:
     """Undo `register`."""
-    remove_save_handlers()
+    remove_handler(_after_saving)
+    remove_handler(_before_saving)
     remove_handler(_after_appending)
     remove_handler(_after_loading)
     remove_handler(_after_update)
-    remove_change_handler(_after_change)
+    remove_handler(_after_change)

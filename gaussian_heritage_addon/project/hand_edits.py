@@ -21,7 +21,6 @@ from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import (
     COUNT_KEY,
     active_object,
-    heritage_objects,
     loading,
     project_of,
     scene_count,
@@ -37,7 +36,6 @@ from .scene_file import whole_scene
 __all__ = [
     "add_rows",
     "delete_object",
-    "edited_objects",
     "member_rows",
     "merge_objects",
     "new_object",
@@ -193,11 +191,6 @@ def delete_object(obj: bpy.types.Object) -> None:
     for collection in collections:
         if collection in bpy.data.collections.values() and not collection.all_objects:
             bpy.data.collections.remove(collection)
-
-
-def edited_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Return the objects of `scene` with edits that are not stored in the project."""
-    return [obj for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited]
 
 
 def was_edited_meanwhile(obj: bpy.types.Object, project: Path) -> bool:

@@ -1,4 +1,4 @@
-"""What was measured of a project, as the panel shows it, and picked points of Blender's world as those of the scene."""
+"""Measurements of a project, as the panel shows them, and picked points of Blender's world as those of the scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happens when objects are new in a scene: they are selected, framed, and their boxes flash."""
+"""Objects that are new in a scene are selected and framed, and their boxes flash."""
 
 from __future__ import annotations
 

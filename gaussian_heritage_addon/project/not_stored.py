@@ -1,4 +1,4 @@
-"""What Blender shows otherwise than the project of a scene, which *Store* writes there by one press."""
+"""Differences of a scene in Blender from its project, which *Store* writes there by one press."""
 
 from __future__ import annotations
 

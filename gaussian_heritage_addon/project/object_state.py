@@ -1,4 +1,4 @@
-"""What a Blender object says of the object of the project that it shows: ``obj.heritage_state``, and which shows it.
+"""The state of the project's object that a Blender object shows: ``obj.heritage_state``, and which object shows it.
 
 One object of a file shows an object of the project, its owner. Copies, and what was appended or linked from another
 file, are no owners: what is changed in them stays in this file.

@@ -1,4 +1,4 @@
-"""Projects that this Blender has open. A second Blender of the same user on one project is told of the first.
+"""Projects that this Blender has open. A second Blender of the same user on one project learns of the first.
 
 The marks are in the user's own folder: opening a .blend file of someone else writes nothing to the folders it names.
 """
@@ -51,7 +51,7 @@ def update() -> None:
         try:
             claim = hold_mark(mark_of(project))
         except HeritageError:
-            # Nobody can be told of the other then; everything else works.
+            # Neither learns of the other then; everything else works.
             continue
         if claim is None:
             _elsewhere.add(project)

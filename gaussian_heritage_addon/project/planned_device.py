@@ -1,4 +1,4 @@
-"""What a reconstruction trains on, from the plan that the engine stored in the project. No bpy."""
+"""The device that a reconstruction trains on, from the plan that the engine stored in the project. No bpy."""
 
 from __future__ import annotations
 

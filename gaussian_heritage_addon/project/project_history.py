@@ -24,7 +24,6 @@ from ..blender.guards import (
     add_datablock_handler,
     add_load_handler,
     add_undo_handler,
-    remove_datablock_handler,
     remove_handler,
 )
 from ..splats.properties import HeritageObject, loading, project_of, record_of, set_record_writer
@@ -283,7 +282,7 @@ def _after_change(changed: list[bpy.types.ID]) -> None:
     """Follow new names, and copies, at once."""
     global _n_objects
     count = len(bpy.data.objects)
-    # What is hidden is not evaluated, so its change is told without its name.
+    # What is hidden is not evaluated, so its change is reported without its name.
     if count == _n_objects and not any(was_renamed(one) for one in changed or all_objects()):
         return
     _n_objects = count
@@ -315,5 +314,5 @@ def unregister() -> None:
     set_record_writer(None)
     remove_handler(catch_up)
     remove_handler(_after_loading)
-    remove_datablock_handler(_after_change)
+    remove_handler(_after_change)
     _clear()

@@ -1,4 +1,4 @@
-"""What this session of Blender stored of projects, and what undo may store again. Does not import bpy.
+"""The values that this session of Blender stored in projects, and that undo may store again. Does not import bpy.
 
 A *place* is one thing that a project stores: its measurement, the Gaussians of an object, a name, a record. Undo and
 redo show an earlier or later value of a place in Blender. It is stored again where this session led from that value to
@@ -95,7 +95,7 @@ class StateHistory:
         return False
 
     def refuse(self, place: Hashable, wanted: Any) -> None:
-        """Do not try to store `wanted` again: it cannot be done, and the user was told."""
+        """Do not try to store `wanted` again: it cannot be done, and the user knows."""
         self._refused.add((place, wanted))
 
     def clear(self) -> None:

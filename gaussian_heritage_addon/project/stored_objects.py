@@ -1,4 +1,4 @@
-"""What the project of each scene had of its objects when this Blender looked last, so that panels read no files."""
+"""The objects of the project of each scene when this Blender looked last, so that panels read no files."""
 
 from __future__ import annotations
 

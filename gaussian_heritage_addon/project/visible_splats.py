@@ -1,4 +1,4 @@
-"""What a viewport or a photo shows of the splats of a scene, as rays meet it."""
+"""The splats of a scene that a viewport or a photo shows, as rays meet them."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _DEPTH_TOLERANCE = 0.03
 
 @dataclass(frozen=True)
 class PhotoSight:
-    """What a photo shows of the world; it takes the place of `Sight` in scripts, which have no viewport.
+    """The view of a photo; it takes the place of `Sight` in scripts, which have no viewport.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32
-from ..blender.guards import Timer, add_change_handler, add_load_handler, remove_change_handler, remove_handler
+from ..blender.guards import Timer, add_change_handler, add_load_handler, remove_handler
 from .properties import heritage_objects
 from .solid_mode import redraw_viewports
 from .splats import SplatScene
@@ -143,5 +143,5 @@ def unregister() -> None:
     """Undo `register`."""
     _timer.stop()
     remove_handler(_forget)
-    remove_change_handler(_after_change)
+    remove_handler(_after_change)
     _forget()

@@ -25,7 +25,7 @@ _MIN_DEPTH_SHARE = 0.01
 
 
 class View(Protocol):
-    """What shows the Gaussians: a `Sight`, or a photo."""
+    """A view of the Gaussians: a `Sight`, or a photo."""
 
     def ray(self, x: float, y: float) -> tuple[Float64, Float64]:
         """Return origin and unit direction of the ray at a position."""

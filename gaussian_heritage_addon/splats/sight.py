@@ -1,4 +1,4 @@
-"""What the eye sees at a position of a window: rays through splats that stand anywhere in Blender's world. No bpy."""
+"""The surface at a position of a window: rays through splats that stand anywhere in Blender's world. No bpy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Seen", "Sight", "SplatLayer", "inside_polygon", "ray_through", "seen
 
 @dataclass(frozen=True)
 class Sight:
-    """What a region of the window, or a photo, shows of the world.
+    """The view of a region of the window, or of a photo.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class SplatLayer:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a ray meets.
+    """The hit of a ray.
 
     Attributes
     ----------

@@ -49,7 +49,7 @@ class Cutoff:
 
 @dataclass(frozen=True)
 class Projection:
-    """What the cards depend on besides the pose of the camera.
+    """The inputs of the cards besides the pose of the camera.
 
     Attributes
     ----------

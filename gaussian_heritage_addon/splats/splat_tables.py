@@ -11,7 +11,7 @@ import numpy as np
 
 from ...engine.core.arrays import Float32
 from ...engine.core.errors import ObjectError
-from ...engine.formats import rotations_from_quats
+from ...engine.scene import rotations_from_quats
 from .edited_splats import EditedSplats
 from .splat_order import mean_areas, visible_radii
 from .splat_shader import TEXTURE_WIDTH
@@ -25,7 +25,7 @@ _CHUNK = 1 << 16
 
 @dataclass(frozen=True)
 class Part:
-    """What the order is computed from, for the Gaussians of one object, in its frame.
+    """The input of the order, for the Gaussians of one object, in its frame.
 
     Attributes
     ----------

@@ -24,7 +24,6 @@ from ..blender.guards import (
     add_draw_handler,
     add_load_handler,
     add_update_handler,
-    remove_change_handler,
     remove_draw_handler,
     remove_handler,
 )
@@ -105,7 +104,7 @@ class _Picture:
 
 @dataclass
 class _State:
-    """What is kept between two draws."""
+    """Values that are kept between two draws."""
 
     parts: dict[str, Part] = field(default_factory=dict)
     versions: dict[str, int] = field(default_factory=dict)
@@ -483,7 +482,7 @@ def unregister() -> None:
     _stop()
     _rest_timer.stop()
     _shapes_timer.stop()
-    remove_change_handler(_forget)
+    remove_handler(_forget)
     remove_handler(_count_update)
     remove_handler(_begin_file)
     _forget_all()

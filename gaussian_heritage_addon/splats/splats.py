@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32
 from ...engine.core.errors import ObjectError
-from ...engine.formats import logits_of, transform_gaussians, unit_quats
-from ...engine.scene import Gaussians
+from ...engine.formats import logits_of, transform_gaussians
+from ...engine.scene import Gaussians, unit_quats
 from ..blender.mesh_frame import follow_frame, frame_of_mesh, keep_frame
 from ..blender.moved_vertices import mark_as_right, moves_since
 from ..blender.world_placement import world_matrix
@@ -263,7 +263,7 @@ class SplatScene:
 
     @property
     def stored_file(self) -> StoredFile | None:
-        """What is kept of the file that the object was imported from."""
+        """The numbers and properties kept of the file that the object was imported from."""
         with self._readable_mesh() as mesh:
             return stored_file(self.object, mesh)
 

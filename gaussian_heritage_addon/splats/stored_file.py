@@ -1,4 +1,4 @@
-"""What a PLY file holds that Blender's own attributes of splats do not, so that what was not edited leaves as it came.
+"""The parts of a PLY file that Blender's attributes of splats do not hold: what was not edited leaves as it came.
 
 Blender's attributes are linear sizes, opacities and rotations of unit length. The file's own numbers, and properties
 that are not those of a Gaussian, are further attributes; its header is a custom property of the object.
@@ -14,8 +14,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.formats import PlyFile, Up, unit_quats
-from ...engine.scene import Gaussians
+from ...engine.formats import PlyFile, Up
+from ...engine.scene import Gaussians, unit_quats
 
 __all__ = ["StoredFile", "forget_lost_digits", "keep_file", "stored_file", "with_stored_values"]
 
@@ -23,7 +23,7 @@ _PREFIX = "ply."
 _LOG_SCALE, _OPACITY, _ROTATION = f"{_PREFIX}log_scale", f"{_PREFIX}opacity_logit", f"{_PREFIX}rotation"
 _EXTRA = f"{_PREFIX}extra."
 _LOST, _LOST_MORE = f"{_PREFIX}position_lost", f"{_PREFIX}position_lost_more"
-"""What float32 does not hold of a double, in two numbers of float32."""
+"""The digits of a double that float32 does not hold, in two numbers of float32."""
 _HEADER_KEY = "heritage_ply_header"
 _UP_KEY = "heritage_ply_up"
 # FLOAT4 exists since Blender 5.2; before, a colour holds four floats.
@@ -39,7 +39,7 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class StoredFile:
-    """What an object keeps of the file that it came from.
+    """The numbers and properties that an object keeps of the file that it came from.
 
     Attributes
     ----------

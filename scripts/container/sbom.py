@@ -46,7 +46,12 @@ def main() -> int:
     # The packages were listed for a root component that this one replaces.
     known = {one["bom-ref"] for one in sbom["components"]}
     sbom["dependencies"] = [one for one in sbom.get("dependencies", []) if one["ref"] in known]
-    sbom["components"] += [python_itself(), *debian_packages(), *page_packages(options.page), *model_files()]
+    sbom["components"] += [
+        python_itself(),
+        *debian_packages(),
+        *page_packages(options.page / "dist" / "licences.txt"),
+        *model_files(),
+    ]
     options.sbom.write_text(json.dumps(sbom, indent=1) + "\n", encoding="utf-8")
     texts = licence_texts(options.environment, options.page)
     with options.licences.open("w", encoding="utf-8") as stream:
@@ -75,9 +80,9 @@ def debian_packages() -> Iterator[dict[str, Any]]:
             yield {"type": "library", "bom-ref": url, "name": name, "version": version, "purl": url}
 
 
-def page_packages(page: Path) -> Iterator[dict[str, Any]]:
-    """Yield the packages of npm whose code is in the page, as its build listed them."""
-    text = (page / "dist" / "licences.txt").read_text(encoding="utf-8")
+def page_packages(listed: Path) -> Iterator[dict[str, Any]]:
+    """Yield the packages of npm whose code is in a page, as its build listed them in a file."""
+    text = listed.read_text(encoding="utf-8")
     for name, version, licence in re.findall(r"^(\S+) (\d\S*) \(([\w.-]+)\)$", text, re.MULTILINE):
         url = f"pkg:npm/{name.replace('@', '%40')}@{version}"
         licences = [{"license": {"id": licence}}]

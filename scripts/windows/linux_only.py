@@ -30,7 +30,7 @@ BLENDER = "tests/blender/"
 """Folder of the tests that run in Blender as a module."""
 
 IN_BLENDER = {
-    "zip": ("test_extension_zip.py",),
+    "zip": ("test_extension_zip.py", "test_subscription.py"),
     "jobs": (
         "addon/test_job_order.py",
         "addon/test_job_runner.py",
@@ -71,6 +71,7 @@ IN_BLENDER = {
         "addon/test_ply_in_and_out.py",
     ),
     "projects": (
+        "addon/test_earlier_releases.py",
         "addon/test_hostile_blend.py",
         "addon/test_moved_project.py",
         "addon/test_project.py",

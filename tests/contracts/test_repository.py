@@ -88,4 +88,4 @@ def test_no_machine_path_is_committed() -> None:
 
 
 def test_tracked_files_stay_small() -> None:
-    assert sum(path.stat().st_size for path in tracked_files()) < 50e6
+    assert sum(path.stat().st_size for path in tracked_files()) < 50 * 2**20  # 50 MiB

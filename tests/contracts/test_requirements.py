@@ -24,6 +24,7 @@ LOCKED_FILES = {
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-contrib-python-headless",
+    "cyclonedx": "cyclonedx-python-lib",
     "fast_simplification": "fast-simplification",
     "flip_evaluator": "flip-evaluator",
     "pillow_heif": "pillow-heif",
@@ -92,9 +93,9 @@ def test_scripts_start_before_any_environment() -> None:
     ours = {path.stem for path in (ROOT / "scripts").glob("*.py")}
     # In Blender, or in the root of its window, which window.sh makes.
     in_blender = {"bpy", "mathutils", "numpy", "bl_ext", "addon_utils", "Xlib"}
-    # Windows and the window are tested in the environment of the engine, which `make setup` makes first.
-    in_engine = {"opencv-contrib-python-headless", "packaging", "pillow", "scipy"}
-    ours.add("windows")
+    # In the environment of the engine, which `make setup` makes first: tests of Windows and the window, and releases.
+    in_engine = {"cyclonedx-python-lib", "opencv-contrib-python-headless", "packaging", "pillow", "scipy"}
+    ours |= {"container", "windows"}
     # `engine.install.environment` needs nothing else, as a contract of .importlinter demands.
     ours.add("engine")
     assert imported(ROOT / "scripts") - ours - in_blender - in_engine == set()
@@ -135,12 +136,13 @@ def test_locked_engine_is_complete() -> None:
     assert missing == set()
 
 
-def test_both_versions_are_one() -> None:
-    manifest = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
-    init = (ROOT / "engine" / "__init__.py").read_text(encoding="utf-8")
-    version = re.search(r'^version = "(.+)"$', manifest, re.MULTILINE)
-    assert version is not None
-    assert f'__version__ = "{version[1]}"' in init
+def test_version_is_stated_in_one_place() -> None:
+    """The build of the extension replaces that of the manifest, which Blender needs in the repository too."""
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert manifest["version"] == "0.0.0"
+    assert "version" not in project["project"]
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "engine.__version__"}
 
 
 def repository_files() -> list[str]:

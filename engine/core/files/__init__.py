@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .remembered import read_after_change, stamp_of
     from .replacing import finish_replacements, replace_together
     from .schema import Schema, check, optional
+    from .sizes import bytes_of
     from .stored_package import StoredPackage, opened_package, write_zip
     from .versions import read_versioned
     from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json, write_problem
@@ -38,6 +39,7 @@ __all__ = [
     "Schema",
     "StoredPackage",
     "atomic_write",
+    "bytes_of",
     "check",
     "delete_derived",
     "derived_name",

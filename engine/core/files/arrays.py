@@ -37,12 +37,12 @@ _DEFLATE_RATIO = 1032
 
 
 class _Unreadable(ValueError):
-    """What is wrong with an array file, without the file's name."""
+    """A sentence about a damaged array file, without the file's name."""
 
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """What a stored array must be.
+    """The dtype and shape that a stored array must have.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ _MAX_NAME_BYTES = 255
 _MAX_SHOWN = 200
 """Characters of a name that a message shows."""
 _KEPT_BYTES, _HASH_DIGITS = 180, 16
-"""What a derived name keeps of a name that is too long, and of its hash."""
+"""Characters that a derived name keeps of a name that is too long, and of its hash."""
 _LEADS_OUT = "leads out of its folder"
 _CHANGED = "Another program has changed the project; use it only if you know who made it."
 

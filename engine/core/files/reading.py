@@ -22,7 +22,7 @@ __all__ = ["mapped", "opened", "parse_json", "read_bytes", "read_json", "read_te
 _MAX_TEXT_BYTES = 16 << 20
 _MAX_DECODED_BYTES = 192 << 20
 _BYTES_PER_MARK = {b"{": 232, b"[": 88, b",": 40, b":": 40, b'"': 40}
-"""What CPython allocates at most for each object, list, separator and half a string of a JSON text."""
+"""Bytes that CPython allocates at most for each object, list, separator and half a string of a JSON text."""
 
 _MAY_BE_INFINITE = re.compile(r"\d[eE]\+?\d\d|\d{200}")
 """The numbers of a JSON text that Python may read as infinity are among these."""

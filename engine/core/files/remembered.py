@@ -1,4 +1,4 @@
-"""What was read of files, kept until they change: panels ask at each redraw, the server for each event."""
+"""Values read from files, kept until the files change: panels ask at each redraw, the server for each event."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from typing import Any
 __all__ = ["Schema", "check", "optional"]
 
 Schema = Any
-"""What a JSON value must be:
+"""The schema of a JSON value:
 
 - ``str``, ``bool``, ``int``, ``float`` (any finite number) or ``None``; ``dict``, ``list`` or ``object`` (anything);
 - ``[item]``: a list whose items are all `item`;

@@ -32,7 +32,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _PACKED = (".jpg", ".png", ".webm", ".mp4", ".gz", ".zip")
 """Files that are stored in a zip file as they are: they are compressed already."""
 _DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, RuntimeError, ValueError, OverflowError)
-"""What Python's zipfile raises for damaged files."""
+"""Errors that Python's zipfile raises for damaged files."""
 
 
 class StoredPackage:

@@ -1,4 +1,4 @@
-"""What differs between Windows, macOS and Linux: a module for each difference, and nothing of it elsewhere.
+"""Differences between Windows, macOS and Linux: a module for each, and nothing of it elsewhere.
 
 Standard library only: Blender and the installation import it too. ``tests/contracts/test_systems.py`` checks that no
 other module asks which system it runs on.

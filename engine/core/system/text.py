@@ -50,7 +50,7 @@ def run_text(
     timeout : float, optional
         Seconds.
     environment : mapping, optional
-        Environment variables; by default, those of this process. Python is told to write UTF-8.
+        Environment variables; by default, those of this process. Python writes UTF-8.
     folder : path, optional
         Working directory.
 

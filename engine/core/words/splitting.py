@@ -19,12 +19,12 @@ _FULL_STOP = re.compile(r"(?:(?<=\w\w)|(?<=[^\w\s.]))\.+(?=\s|$)|(?<=[^\W\d]{2})
 _ABBREVIATION = re.compile(
     r"(?:^|\W)(?:no|nr|nos|st|ste|mt|dr|mr|mrs|ms|ca|approx|incl|inv|vol|vs|jr|sr|prof)$", re.IGNORECASE
 )
-"""What a full stop follows that ends no text."""
+"""Words whose full stop ends no text."""
 _END = re.compile(r"[;；\n\r\v\f\t|。•·\u2028\u2029]+|[!?！？]+(?=\s|$)")
 _BRACKETS = re.compile(r"\([^()\n]*\)|\[[^\[\]\n]*\]")
 _CONJUNCTIONS = r"and\s*/\s*or|as\s+well\s+as|and|or|plus|und|oder|sowie|et|ou"
 _BEFORE, _AFTER = r"(?:(?<=[^\W\d]{2})|(?<=[\d)\ue000-\uf8ff]))", r"(?=[^\W\d]{2}|[(\ue000-\uf8ff])"
-"""What "/" and "&" stand between: "vase/teapot", and not "w/ lid", "1/2" or "AT&T"."""
+"""Words with "/" or "&" between them: "vase/teapot", and not "w/ lid", "1/2" or "AT&T"."""
 _JOINT = re.compile(
     # A comma between digits is a decimal one.
     rf"\s*(?:(?<!\d)[,，、]|[,，、](?!\d)|{_BEFORE}[/／\\&＆+]{_AFTER}|(?<=\s)[/／\\&＆+](?=\s)|(?<=\s)[-–—](?=\s)"

@@ -1,4 +1,4 @@
-"""What leaves a project to be kept or shown: packages with their records, a page, pictures that turn."""
+"""Files that leave a project to be kept or shown: packages with their records, a page, pictures that turn."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ _VIEW_SIDE = 512
 
 @dataclass(frozen=True)
 class Export:
-    """What is exported.
+    """The Gaussians that are exported, with all that is known of them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What changed in a package since it was made: its files against its lists of hashes (BagIt, RFC 8493).
+"""Changes of a package since it was made: its files against its lists of hashes (BagIt, RFC 8493).
 
 Our own reader instead of the library ``bagit``, because a package may come from anywhere and may be a zip file: the
 lists are read within bounds, no link is followed, and no file outside of the package is opened.

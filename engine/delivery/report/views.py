@@ -222,7 +222,6 @@ def measure_feature_agreement(
     views: Sequence[tuple[Camera, NDArray[np.int32]]],
     *,
     backend: Backend = "cpu",
-    seed: int = 0,
 ) -> dict[str, float] | None:
     """Return how well features reproduce SAM segments of photos, and how well random features do.
 
@@ -232,8 +231,6 @@ def measure_feature_agreement(
     views : sequence of (Camera, int32 array of shape [h, w])
         Test photos with their label maps.
     backend : {"cpu", "gpu", "reference"}
-    seed : int
-        Random seed of the random features.
 
     Returns
     -------
@@ -241,7 +238,7 @@ def measure_feature_agreement(
     """
     if gaussians.features is None:
         return None
-    random = np.random.default_rng(seed).normal(size=gaussians.features.shape).astype(np.float32)
+    random = np.random.default_rng(0).normal(size=gaussians.features.shape).astype(np.float32)
     scene = Scene(gaussians, backend=backend)
     scores: dict[str, list[float]] = {"trained": [], "untrained": []}
     for camera, labels in views:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import tempfile
 import zipfile
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ from typing import Any
 
 from ...core.errors import EnvironmentProblem, FormatError, HeritageError
 from ...core.events import Emit, Progress
-from ...core.files import atomic_write, file_sha256, parse_json
+from ...core.files import atomic_write, file_sha256, opened, parse_json
 from ...core.system import System, package_system, this_system, unsupported
 from ..models.catalogue import CATALOGUE
 from .locked import locked_arguments, locked_file
@@ -191,8 +192,19 @@ def write_bundle(
             "torch": source.build, "files": hashes,
         }  # fmt: skip
         with atomic_write(out) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-            archive.writestr(_INFO, json.dumps(info, indent=1))
+            archive.writestr(_entry(_INFO), json.dumps(info, indent=1))
             for number, (key, file) in enumerate(content.items()):
                 emit(Progress("bundle", 0.7 + 0.3 * number / len(content), message=f"Packing {file.name}"))
-                archive.write(file, key)
+                entry = _entry(key)
+                entry.file_size = file.stat().st_size  # decides whether the entry can have 4 GB
+                with opened(file, advice=_ADVICE) as unpacked, archive.open(entry, "w") as packed:
+                    shutil.copyfileobj(unpacked, packed, _CHUNK)
     return Bundle.read(out)
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    """Return the entry of a file without the time and mode of this computer: equal files make equal bundles."""
+    entry = zipfile.ZipInfo(name)
+    entry.external_attr = 0o644 << 16
+    entry.create_system = 3
+    return entry

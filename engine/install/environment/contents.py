@@ -1,4 +1,4 @@
-"""What an installation contains, for the user to read before it: packages, sizes and licences."""
+"""The contents of an installation, for the user to read before it: packages, sizes and licences."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ _IMPORTS = "import torch, pycolmap, onnxruntime, cv2, numba, scipy, sklearn, PIL
 
 @dataclass(frozen=True)
 class _Run:
-    """What all steps of one installation share."""
+    """Values that all steps of one installation share."""
 
     environment: EngineEnvironment
     wheels: Path | None

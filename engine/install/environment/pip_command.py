@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,8 @@ from typing import Any
 from ...core.certificates import CERTIFICATE_VARIABLE
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem
 from ...core.files import parse_json
-from ...core.system import no_window, run_text, with_utf8
+from ...core.system import run_text
+from ..programs import run_program
 
 __all__ = ["ONE_INDEX", "NotTrusted", "Pip", "run_logged"]
 
@@ -26,7 +25,6 @@ _UNTRUSTED = "SSLCertVerificationError"
 """In pip's output about a certificate. The words of the error are those of the system, in the user's language."""
 _VERSION = re.compile(r"pip (\d+(?:\.\d+)*)")
 _SERVER = re.compile(r"host='([\w.-]+)', port=(\d+)")
-_POLL_SECONDS = 0.2
 _STOPPED = "Stopped. What is installed is kept; set up again to continue."
 
 
@@ -93,42 +91,26 @@ def run_logged(
         raise DiskError(
             f"{log} cannot be written: {error.strerror or error}. Check the disk and permissions."
         ) from error
+
+    def follow() -> None:
+        nonlocal begin, last, refused
+        # Wine's C runtime reads nothing more behind an end of the file that it has seen.
+        output.seek(begin)
+        lines = output.readlines()
+        begin = output.tell()
+        for line in lines:
+            on_line(line)
+            if "ERROR" in line or "Error" in line or not last:
+                last = line.strip()
+            if _UNTRUSTED in line and not _SERVER.search(refused):
+                refused = line
+        on_wait()
+        if should_stop():
+            raise Cancelled(_STOPPED)
+
     with record, log.open("r", encoding="utf-8", errors="replace") as output:
-        try:
-            process = subprocess.Popen(
-                [str(part) for part in command],
-                stdin=subprocess.DEVNULL,
-                stdout=record,
-                stderr=subprocess.STDOUT,
-                env=with_utf8({**os.environ, **(variables or {})}),
-                **no_window(),
-            )
-        except OSError as error:
-            raise EnvironmentProblem(f"{command[0]} could not be started: {error.strerror or error}.") from error
-        try:
-            running = True
-            while running:
-                running = process.poll() is None
-                if running:
-                    time.sleep(_POLL_SECONDS)
-                # Wine's C runtime reads nothing more behind an end of the file that it has seen.
-                output.seek(begin)
-                lines = output.readlines()
-                begin = output.tell()
-                for line in lines:
-                    on_line(line)
-                    if "ERROR" in line or "Error" in line or not last:
-                        last = line.strip()
-                    if _UNTRUSTED in line and not _SERVER.search(refused):
-                        refused = line
-                on_wait()
-                if should_stop():
-                    raise Cancelled(_STOPPED)
-        finally:
-            if process.poll() is None:
-                process.terminate()
-                process.wait()
-    if process.returncode:
+        code = run_program(command, record, {**os.environ, **(variables or {})}, on_wait=follow)
+    if code:
         message = f"{problem}: {last.rstrip('.')} (details: {log})."
         raise NotTrusted(message, refused) if refused else EnvironmentProblem(message)
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .cache import locate, models_folder
     from .catalogue import ANY_WORD_MODEL, CATALOGUE, ModelFile, find_model_file, find_model_files
     from .fetching import fetch, fetch_model
-    from .onnx_session import gpu_provider_is_installed, open_gpu_session, open_session
+    from .onnx_session import Session, gpu_provider_is_installed, open_gpu_session, open_session
     from .onnx_weights import read_onnx_weights
     from .packages import folder_contains
     from .processor import multiplies_bfloat16, one_thread
@@ -20,6 +20,7 @@ __all__ = [
     "ANY_WORD_MODEL",
     "CATALOGUE",
     "ModelFile",
+    "Session",
     "fetch",
     "fetch_model",
     "find_model_file",

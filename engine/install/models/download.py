@@ -29,7 +29,7 @@ _BY_HAND = "Get {file} from a colleague and run: python -m engine models fetch {
 
 @dataclass(frozen=True)
 class _Answer:
-    """What the headers of a response say about its body: first byte in the file, size of the file, ETag."""
+    """Facts about the body of a response from its headers: first byte in the file, size of the file, ETag."""
 
     start: int
     total: int

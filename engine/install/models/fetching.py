@@ -32,8 +32,8 @@ def fetch_model(name: str, *, emit: Emit, should_stop: StopCheck, offline: Path 
     """
     files = find_model_files(name)
     for number, file in enumerate(files):
-        told = part_of(emit, number, len(files))
-        fetch(file.name, emit=told, should_stop=should_stop, offline=offline, network=offline is None)
+        emit_part = part_of(emit, number, len(files))
+        fetch(file.name, emit=emit_part, should_stop=should_stop, offline=offline, network=offline is None)
 
 
 def fetch(

@@ -12,12 +12,12 @@ from typing import IO
 
 from ...core.errors import FormatError
 from ...core.files import parse_json
+from .protobuf import Field, NotProtobuf, fields
 
 __all__ = ["find_format_problem"]
 
 _MAX_JSON_BYTES = 16 << 20
 _MAX_FIELDS = 1 << 17  # a model has some thousands; more of them would only take time
-_VARINT, _EIGHT_BYTES, _LENGTH_AND_BYTES, _FOUR_BYTES = 0, 1, 2, 5  # wire types of Protocol Buffers
 # Fields of `ModelProto` and of `GraphProto` in onnx.proto that every model has.
 _IR_VERSION, _GRAPH, _OPSET_IMPORT = 1, 7, 8
 _NODE, _OUTPUT = 1, 12
@@ -67,50 +67,22 @@ def _check_tokenizer(content: IO[bytes]) -> None:
 
 
 def _check_onnx(content: IO[bytes]) -> None:
-    end = content.seek(0, os.SEEK_END)
-    model = _fields(content, 0, end)
-    if not {_IR_VERSION, _GRAPH, _OPSET_IMPORT} <= model.keys():
-        raise _Damaged("is not an ONNX model; it may be cut off or a web page")
-    start, length = model[_GRAPH]
-    if not {_NODE, _OUTPUT} <= _fields(content, start, start + length).keys():
-        raise _Damaged("is an ONNX model without nodes or without outputs")
+    try:
+        model = _fields(content, 0, content.seek(0, os.SEEK_END))
+        if not {_IR_VERSION, _GRAPH, _OPSET_IMPORT} <= model.keys():
+            raise _Damaged("is not an ONNX model; it may be cut off or a web page")
+        graph = model[_GRAPH]
+        if not {_NODE, _OUTPUT} <= _fields(content, graph.start, graph.start + graph.length).keys():
+            raise _Damaged("is an ONNX model without nodes or without outputs")
+    except NotProtobuf as error:
+        raise _Damaged(f"is not {'a complete' if error.is_cut else 'an'} ONNX model ({error})") from error
 
 
-def _fields(content: IO[bytes], start: int, end: int) -> dict[int, tuple[int, int]]:
-    """Return start and length of the last field of each number in the message between two places of the file."""
-    found: dict[int, tuple[int, int]] = {}
-    count = 0
-    content.seek(start)
-    while (place := content.tell()) < end:
-        tag = _varint(content)
-        number, wire_type = tag >> 3, tag & 7
-        if wire_type == _VARINT:
-            _varint(content)
-            length = 0
-        elif wire_type == _LENGTH_AND_BYTES:
-            length = _varint(content)
-        elif wire_type in (_EIGHT_BYTES, _FOUR_BYTES):
-            length = 8 if wire_type == _EIGHT_BYTES else 4
-        else:
-            raise _Damaged(f"is not an ONNX model (byte {place:,})")
-        found[number] = (content.tell(), length)
-        count += 1
-        if count > _MAX_FIELDS:
+def _fields(content: IO[bytes], start: int, end: int) -> dict[int, Field]:
+    """Return the last field of each number in the message between two places of the file."""
+    found: dict[int, Field] = {}
+    for count, field in enumerate(fields(content, start, end)):
+        if count == _MAX_FIELDS:
             raise _Damaged("is not an ONNX model: it has too many parts")
-        if number == 0 or content.tell() + length > end:
-            raise _Damaged(f"is not a complete ONNX model (byte {place:,} of {end:,})")
-        content.seek(length, os.SEEK_CUR)
+        found[field.number] = field
     return found
-
-
-def _varint(content: IO[bytes]) -> int:
-    """Return the next integer; seven bits per byte, the lowest first."""
-    value = 0
-    for shift in range(0, 70, 7):
-        byte = content.read(1)
-        if not byte:
-            raise _Damaged("is cut off")
-        value |= (byte[0] & 0x7F) << shift
-        if byte[0] < 0x80:
-            return value
-    raise _Damaged(f"is not an ONNX model (byte {content.tell():,})")

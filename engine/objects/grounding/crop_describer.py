@@ -1,4 +1,4 @@
-"""What detectors that describe crops share: segments and boxes are described, and the descriptions scored."""
+"""Base of detectors that describe crops: segments and boxes are described, and the descriptions scored."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import expit
 
-from ...core.arrays import Float32, Int32, Mask, Pixels
+from ...core.arrays import Float32, Int32, Mask, Pixels, normalized
 from ...masks import mask_box
 from .crops import Box
-from .detector import Detection
+from .detector import Detection, Detector
 
 __all__ = ["CropDescriber", "as_box", "as_boxes"]
 
@@ -29,7 +29,7 @@ _N_USUAL = 40
 all the same, which is then nothing that all scenes have in common."""
 
 
-class CropDescriber(ABC):
+class CropDescriber(Detector, ABC):
     """A detector that describes crops: `Detector.detect` and `Detector.score_crops` by its descriptions."""
 
     least_score = 0.0
@@ -92,7 +92,7 @@ class CropDescriber(ABC):
         if usual is not None:
             common, count = common + _N_USUAL * usual, count + _N_USUAL
         centre = common / count
-        cosines = _unit(vectors - centre) @ _unit(means - centre).T
+        cosines = normalized(vectors - centre) @ normalized(means - centre).T
         return np.asarray(expit(_STEEPNESS * cosines - _OFFSET), np.float32)
 
     @abstractmethod
@@ -137,9 +137,3 @@ def as_box(corners: ArrayLike | None) -> Box:
 def as_boxes(boxes: ArrayLike) -> list[Box]:
     """Return boxes, array-like of shape [n, 4], one by one."""
     return [as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
-
-
-def _unit(vectors: Float32) -> Float32:
-    """Return vectors, [..., E], at length 1."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.maximum(lengths, np.finfo(np.float32).tiny), np.float32)

@@ -7,7 +7,7 @@ import logging
 from pathlib import Path
 
 from ...core.errors import ModelFileError
-from ...install.models import ANY_WORD_MODEL, find_model_file, find_model_files, models_folder
+from ...install.models import ANY_WORD_MODEL, find_model_file, find_model_files, locate, models_folder, open_session
 from .detector import Detector
 from .image_text import ENCODERS
 
@@ -89,8 +89,11 @@ def _load(name: str, cache: Path) -> Detector:
         return OfflineVocabulary(cache)
     if name in ENCODERS:
         from .any_word import AnyWord
+        from .image_text import load_encoder
+        from .offline_vocabulary import OfflineVocabulary
 
-        return AnyWord(name, cache)
+        return AnyWord(load_encoder(name, cache), OfflineVocabulary(cache), cache / "derived")
     from .grounding_dino import GroundingDino
 
-    return GroundingDino(name, cache)
+    session = open_session(locate(f"{name}-model", cache))
+    return GroundingDino(name, session, locate("grounding-dino-tokenizer", cache))

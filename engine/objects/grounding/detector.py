@@ -58,14 +58,22 @@ class PromptCheck:
     misspelt: bool = False
 
 
+def _no_descriptions(name: str) -> NotImplementedError:
+    return NotImplementedError(f"{name} returns no descriptions")
+
+
 class Detector(Protocol):
-    """Finds what a text describes in a photo."""
+    """Finds what a text describes in a photo.
+
+    One that needs the text to process a picture describes no crops: `describe_crops` returns None, and the methods that
+    take descriptions are never called.
+    """
 
     name: str
     """Name in the model catalogue, stored with every object that the detector finds."""
 
     fingerprint: str
-    """What tells one version of its `example_vectors` from another; empty for a detector that describes no crops."""
+    """Differs between versions of its `example_vectors`; empty for a detector that describes no crops."""
 
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return whether the detector can look for `prompt`.
@@ -136,7 +144,7 @@ class Detector(Protocol):
         float32 array of shape [n, D], or None
             None if the detector needs the prompt to process a picture.
         """
-        ...
+        return None
 
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
         """Return how well each row of `described`, [n, D], matches `prompt`, like `score_crops`.
@@ -146,7 +154,7 @@ class Detector(Protocol):
         PromptError
             When the prompt is empty or not known.
         """
-        ...
+        raise _no_descriptions(self.name)
 
     def score_vocabulary(self, described: Float32) -> Float32:
         """Return how well each row of `described`, [n, D], matches each of V words, few of which a scene shows.
@@ -158,14 +166,14 @@ class Detector(Protocol):
         array of shape [n, V], float32
             As `score_descriptions` returns them.
         """
-        ...
+        raise _no_descriptions(self.name)
 
     def example_vectors(self, described: Float32) -> Float32:
         """Return what is kept of each row of `described`, [n, D], as an example of a word that a user teaches, [n, E].
 
         The mean of the rows of one object is an example.
         """
-        ...
+        raise _no_descriptions(self.name)
 
     def score_examples(self, described: Float32, means: Float32) -> Float32:
         """Return how well each row of `described`, [n, D], matches each of W words that were taught, [n, W].
@@ -181,7 +189,7 @@ class Detector(Protocol):
         array of shape [n, W], float32
             Like `score_descriptions`.
         """
-        ...
+        raise _no_descriptions(self.name)
 
     def whole_odds(self, described: Float32) -> Float32:
         """Return what each crop adds to the log-odds of being one whole thing.
@@ -196,7 +204,7 @@ class Detector(Protocol):
         array of shape [n], float32
             Negative for a part of a thing and for several things; zero when the detector cannot tell.
         """
-        ...
+        raise _no_descriptions(self.name)
 
     def fitting_word(self, described: Float32, prompt: str) -> str:
         """Return the word that one object clearly is instead of `prompt`, which it therefore is not; empty for none.
@@ -208,7 +216,7 @@ class Detector(Protocol):
         prompt : str
             That the detector knows.
         """
-        ...
+        return ""
 
     def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
         """Return words for one object that several photos show, each with a confidence 0 to 1, best first.
@@ -223,4 +231,4 @@ class Detector(Protocol):
         list of (str, float)
             Empty without rows, and for a detector that has no words of its own.
         """
-        ...
+        return []

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from ...core.arrays import Float32, Int64, Pixels
-from ...core.errors import EnvironmentProblem, ModelFileError, PromptError
+from ...core.errors import PromptError
+from .tokenizer_file import open_tokenizer
 
-__all__ = ["Tokens", "load_tokenizer", "normalise_picture", "resized_size", "to_caption"]
+__all__ = ["Tokenizer", "Tokens", "normalise_picture", "resized_size", "to_caption"]
 
 # Mean and standard deviation of the Swin backbone's training pictures, RGB, 0 to 1.
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
@@ -58,24 +59,18 @@ class Tokens:
 
 
 class Tokenizer:
-    """The tokenizer of bert-base-uncased, read from its ``tokenizer.json``."""
+    """The tokenizer of bert-base-uncased, read from its ``tokenizer.json``.
+
+    Raises
+    ------
+    ModelFileError
+        When the file is missing or damaged.
+    EnvironmentProblem
+        When the package ``tokenizers`` is missing.
+    """
 
     def __init__(self, path: Path) -> None:
-        try:
-            import tokenizers
-        except ImportError as error:
-            raise EnvironmentProblem(
-                "The package tokenizers is not installed in the engine's environment. Set up the engine again."
-            ) from error
-        try:
-            self._tokenizer = tokenizers.Tokenizer.from_file(str(path))
-        except Exception as error:  # tokenizers raises plain Exception
-            raise ModelFileError(
-                f"The tokenizer file {path} cannot be read ({error}). Delete it and its record, then run: "
-                "python -m engine models fetch grounding-dino-tokenizer"
-            ) from error
-        self._tokenizer.no_truncation()
-        self._tokenizer.no_padding()
+        self._tokenizer = open_tokenizer(path, "grounding-dino-tokenizer")
 
     def __call__(self, text: str, length: int | None) -> Tokens:
         """Return the tokens of `text`, padded to `length` if the export has a fixed length.
@@ -98,19 +93,6 @@ class Tokenizer:
         return Tokens(
             np.array([ids + [0] * padding], np.int64), np.array([attention], np.int64), (*words, *[""] * padding)
         )
-
-
-def load_tokenizer(path: Path) -> Tokenizer:
-    """Return the tokenizer in the file `path`.
-
-    Raises
-    ------
-    ModelFileError
-        When the file is missing or damaged.
-    EnvironmentProblem
-        When the package ``tokenizers`` is missing.
-    """
-    return Tokenizer(path)
 
 
 def resized_size(

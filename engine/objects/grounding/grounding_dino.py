@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -15,11 +14,11 @@ from numpy.typing import ArrayLike
 
 from ...core.arrays import Float32, Float64, Int32, Mask, Pixels
 from ...core.errors import ModelFileError
-from ...install.models import locate, open_session
-from ...masks import box_ious, mask_box
+from ...install.models import Session
+from ...masks import box_ious, mask_box, suppress_overlapping
 from .crop_describer import as_box
-from .detector import Detection, PromptCheck
-from .dino_inputs import Tokens, load_tokenizer, normalise_picture, resized_size, to_caption
+from .detector import Detection, Detector, PromptCheck
+from .dino_inputs import Tokenizer, Tokens, normalise_picture, resized_size, to_caption
 from .settings import GroundingSettings
 
 __all__ = ["Boxes", "GroundingDino", "best_segments", "decode_outputs"]
@@ -34,16 +33,6 @@ _MIN_CROP_IOU = 0.5  # chosen on museum_room
 """Smallest IoU with the cropped box at which a predicted box counts as the cropped object."""
 _MAX_CACHED_PREDICTIONS = 256
 """Predictions (one per photo and prompt) kept in memory: 18 KB each for 900 boxes, and their labels."""
-
-
-class Session(Protocol):
-    """The methods of an onnxruntime session that are used here."""
-
-    def get_inputs(self) -> Sequence[Any]: ...
-
-    def get_outputs(self) -> Sequence[Any]: ...
-
-    def run(self, names: Sequence[str] | None, inputs: dict[str, Any]) -> Sequence[Any]: ...
 
 
 @dataclass(frozen=True)
@@ -65,24 +54,23 @@ class Boxes:
     labels: tuple[str, ...]
 
 
-class GroundingDino:
+class GroundingDino(Detector):
     """A Grounding DINO export with the inputs and outputs of ``transformers``.
 
     Parameters
     ----------
     name : str
-        ``"grounding-dino-tiny"`` or ``"grounding-dino-base"``, as in the catalogue.
-    cache : Path or None
-        See `models.models_folder`.
-    settings : GroundingSettings or None
-        None takes the defaults.
-    threads : int
-        Worker threads, 2 by default.
+        As the catalogue calls it.
+    session : Session
+        Open.
+    tokenizer : Path
+        The ``tokenizer.json`` of the export.
+    settings : GroundingSettings, optional
 
     Raises
     ------
     ModelFileError
-        When a file is missing, damaged or not a Grounding DINO.
+        When the session is that of another model, or the tokenizer file is missing or damaged.
 
     References
     ----------
@@ -91,33 +79,7 @@ class GroundingDino:
 
     fingerprint = ""
 
-    def __init__(
-        self,
-        name: str = "grounding-dino-tiny",
-        cache: Path | None = None,
-        *,
-        settings: GroundingSettings | None = None,
-        threads: int = 2,
-    ) -> None:
-        model = locate(f"{name}-model", cache)
-        self._open(name, open_session(model, threads=threads), locate("grounding-dino-tokenizer", cache), settings)
-
-    @classmethod
-    def from_session(
-        cls, name: str, session: Session, tokenizer: Path, settings: GroundingSettings | None = None
-    ) -> GroundingDino:
-        """Return a detector for an open session and a tokenizer file.
-
-        Raises
-        ------
-        ModelFileError
-            When the session is that of another model, or the tokenizer file is missing or damaged.
-        """
-        detector = cls.__new__(cls)
-        detector._open(name, session, tokenizer, settings)
-        return detector
-
-    def _open(self, name: str, session: Session, tokenizer: Path, settings: GroundingSettings | None) -> None:
+    def __init__(self, name: str, session: Session, tokenizer: Path, settings: GroundingSettings | None = None) -> None:
         self.name = name
         self._settings = settings or GroundingSettings()
         self._session = session
@@ -133,7 +95,7 @@ class GroundingDino:
         self._size = (height, width) if isinstance(height, int) and isinstance(width, int) else None
         length = shapes["input_ids"][1]
         self._length = length if isinstance(length, int) else None
-        self._tokenizer = load_tokenizer(tokenizer)
+        self._tokenizer = Tokenizer(tokenizer)
         self._predictions: OrderedDict[str, Boxes] = OrderedDict()
 
     def check_prompt(self, prompt: str) -> PromptCheck:
@@ -157,12 +119,10 @@ class GroundingDino:
         several boxes with the same segment only the best is kept.
         """
         predicted = self.predict_boxes(pixels, prompt)
-        order = [
-            i
-            for i in np.argsort(-predicted.scores, kind="stable")
-            if predicted.scores[i] > self._settings.box_threshold
+        likely = np.flatnonzero(predicted.scores > self._settings.box_threshold)
+        kept = likely[
+            suppress_overlapping(predicted.corners[likely], predicted.scores[likely], self._settings.max_overlap)
         ]
-        kept = _suppress_overlapping(predicted.corners, order, self._settings.max_overlap)
         boxes = _clip_to_photo(predicted.corners[kept], pixels.shape)
         detections = [
             Detection(as_box(box), float(predicted.scores[i]), predicted.labels[i] or prompt.strip())
@@ -198,38 +158,6 @@ class GroundingDino:
                 raise ValueError(f"{len(corners)} boxes and {len(masks)} masks")
             corners = np.array([_extent(mask, box) for mask, box in zip(masks, corners, strict=True)]).reshape(-1, 4)
         return [self._score_crop(pixels, box, prompt) for box in corners]
-
-    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> None:
-        """Return None: this model needs the prompt to process a picture; see `Detector.describe_crops`."""
-        return None
-
-    def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
-        """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_descriptions`."""
-        raise NotImplementedError(f"{self.name} returns no descriptions")
-
-    def score_vocabulary(self, described: Float32) -> Float32:
-        """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_vocabulary`."""
-        raise NotImplementedError(f"{self.name} returns no descriptions")
-
-    def example_vectors(self, described: Float32) -> Float32:
-        """Raise an error: `describe_crops` returns no descriptions; see `Detector.example_vectors`."""
-        raise NotImplementedError(f"{self.name} returns no descriptions")
-
-    def score_examples(self, described: Float32, means: Float32) -> Float32:
-        """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_examples`."""
-        raise NotImplementedError(f"{self.name} returns no descriptions")
-
-    def whole_odds(self, described: Float32) -> Float32:
-        """Raise an error: `describe_crops` returns no descriptions; see `Detector.whole_odds`."""
-        raise NotImplementedError(f"{self.name} returns no descriptions")
-
-    def fitting_word(self, described: Float32, prompt: str) -> str:
-        """Return nothing: this model has no words of its own; see `Detector.fitting_word`."""
-        return ""
-
-    def name_descriptions(self, described: Float32) -> list[tuple[str, float]]:
-        """Return an empty list: this model has no words of its own; see `Detector.name_descriptions`."""
-        return []
 
     def _score_crop(self, pixels: Pixels, box: Float64, prompt: str) -> float:
         margin = _CROP_MARGIN * (box[2:] - box[:2])
@@ -352,15 +280,6 @@ def _extent(mask: Mask, default: ArrayLike) -> Float64:
     """Return the bounding box x0, y0, x1, y1 of a mask; `default` if it is empty."""
     box = mask_box(mask)
     return np.asarray(default if box is None else box, np.float64)
-
-
-def _suppress_overlapping(corners: Float32, order: Sequence[int], max_overlap: float) -> list[int]:
-    """Return the indices in `order` that non-maximum suppression keeps."""
-    kept: list[int] = []
-    for i in order:
-        if not kept or box_ious(corners[kept], corners[i]).max() <= max_overlap:
-            kept.append(int(i))
-    return kept
 
 
 def _clip_to_photo(corners: Float32, shape: tuple[int, ...]) -> Float32:

@@ -8,20 +8,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
-from ...core.arrays import Float32, Int64, Pixels
-from ...core.errors import EnvironmentProblem, ModelFileError, PromptError
-from ...install.models import find_model_files, locate, open_session
+from ...core.arrays import Float32, Int64, Pixels, normalized
+from ...core.errors import ModelFileError, PromptError
+from ...install.models import Session, find_model_files, locate, open_session
+from .tokenizer_file import open_tokenizer
 
 __all__ = ["ENCODERS", "EncoderKind", "ImageTextEncoder", "Tower", "load_encoder"]
 
 
 @dataclass(frozen=True)
 class EncoderKind:
-    """What the public description of an encoder says of its inputs and outputs.
+    """Inputs and outputs of an encoder, from its public description.
 
     Attributes
     ----------
@@ -91,16 +92,6 @@ ENCODERS: dict[str, EncoderKind] = {
 _BATCH = {"picture": 8, "text": 32}
 
 
-class Session(Protocol):
-    """The methods of an onnxruntime session that are used here."""
-
-    def get_inputs(self) -> Sequence[Any]: ...
-
-    def get_outputs(self) -> Sequence[Any]: ...
-
-    def run(self, names: Sequence[str] | None, inputs: dict[str, Any]) -> Sequence[Any]: ...
-
-
 class Tower:
     """One half of an encoder: a session with one input that has data, and one output with vectors.
 
@@ -136,9 +127,7 @@ class Tower:
         if self._has_mask:
             inputs["attention_mask"] = np.ones(rows.shape, np.int64)
         (found,) = self._session.run([self._wanted], inputs)
-        vectors = np.asarray(found, np.float32).reshape(len(rows), -1)
-        lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-        return np.asarray(vectors / np.maximum(lengths, np.finfo(np.float32).tiny), np.float32)
+        return normalized(np.asarray(found, np.float32).reshape(len(rows), -1))
 
 
 class ImageTextEncoder:
@@ -183,7 +172,7 @@ class ImageTextEncoder:
                 f"{name}-vision gives {widths[0]} numbers and {name}-text {widths[1]}: they do not belong together. "
                 "Fetch both again."
             )
-        self._tokenizer = _read_tokenizer(name, tokenizer)
+        self._tokenizer = open_tokenizer(tokenizer, name)
 
     @property
     def fingerprint(self) -> str:
@@ -225,8 +214,7 @@ class ImageTextEncoder:
         """
         phrasings = self.kind.phrasings
         vectors = self.of_texts([phrasing.format(word) for word in words for phrasing in phrasings])
-        mean = vectors.reshape(len(words), len(phrasings), -1).mean(axis=1)
-        return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True), np.float32)
+        return normalized(vectors.reshape(len(words), len(phrasings), -1).mean(axis=1))
 
     def input_of(self, picture: Pixels) -> Float32:
         """Return a square picture as the model's input, [3, side, side]."""
@@ -263,25 +251,7 @@ class ImageTextEncoder:
         return np.array([[*one, *[end] * (length - len(one))] for one, end in zip(ids, fill, strict=True)], np.int64)
 
 
-def _read_tokenizer(name: str, path: Path) -> Any:
-    try:
-        import tokenizers
-    except ImportError as error:
-        raise EnvironmentProblem(
-            "The package tokenizers is not installed in the engine's environment. Set up the engine again."
-        ) from error
-    try:
-        tokenizer = tokenizers.Tokenizer.from_file(str(path))
-    except Exception as error:  # tokenizers raises plain Exception
-        raise ModelFileError(
-            f"The tokenizer file {path} cannot be read ({error}). Run: python -m engine models fetch {name}"
-        ) from error
-    tokenizer.no_truncation()
-    tokenizer.no_padding()
-    return tokenizer
-
-
-def load_encoder(name: str, cache: Path | None = None, *, threads: int = 2) -> ImageTextEncoder:
+def load_encoder(name: str, cache: Path | None = None) -> ImageTextEncoder:
     """Return an encoder of the catalogue, from its files in the models folder.
 
     Parameters
@@ -290,8 +260,6 @@ def load_encoder(name: str, cache: Path | None = None, *, threads: int = 2) -> I
         One of `ENCODERS`.
     cache : Path or None
         See `models.models_folder`.
-    threads : int
-        Worker threads within one operation.
 
     Raises
     ------
@@ -301,5 +269,5 @@ def load_encoder(name: str, cache: Path | None = None, *, threads: int = 2) -> I
         When a package is missing.
     """
     vision, text, tokenizer = (locate(file.name, cache) for file in find_model_files(name))
-    pictures, texts = (open_session(file, threads=threads) for file in (vision, text))
+    pictures, texts = (open_session(file) for file in (vision, text))
     return ImageTextEncoder(name, ENCODERS[name], pictures, texts, tokenizer)

@@ -88,7 +88,7 @@ class OfflineVocabulary(CropDescriber):
         )
         # Features do not depend on the prompt, so they are cached for further prompts on the same photos.
         self._features: OrderedDict[str, Float32] = OrderedDict()
-        self._told: tuple[Float32, Float32] | None = None
+        self._last: tuple[Float32, Float32] | None = None
 
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return whether `prompt` matches a class, with the matching or the nearest classes.
@@ -195,12 +195,12 @@ class OfflineVocabulary(CropDescriber):
 
         Those of the last descriptions are kept: all words of a scene are compared with the same ones.
         """
-        if self._told is None or self._told[0] is not described:
+        if self._last is None or self._last[0] is not described:
             pooled = np.ascontiguousarray(described, np.float32).reshape(-1, N_FEATURES)
-            told = self._classifier.classes(torch.from_numpy(pooled)).softmax(dim=1).numpy()
+            found = self._classifier.classes(torch.from_numpy(pooled)).softmax(dim=1).numpy()
             n_crops = described.shape[1] // N_FEATURES
-            self._told = described, np.asarray(told, np.float32).reshape(len(described), n_crops, N_CLASSES)
-        return self._told[1]
+            self._last = described, np.asarray(found, np.float32).reshape(len(described), n_crops, N_CLASSES)
+        return self._last[1]
 
     def _class_weights(self, prompt: str) -> dict[int, float]:
         class_weights = self._vocabulary.class_weights(prompt)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...core.arrays import Float32
-from ...core.errors import EnvironmentProblem, ModelFileError
+from ...core.arrays import Float32, normalized
 from ...install.models import open_session
+from .tokenizer_file import open_tokenizer
 
 __all__ = ["SentenceEncoder"]
 
@@ -41,22 +41,11 @@ class SentenceEncoder:
     """
 
     def __init__(self, model: Path, tokenizer: Path, *, threads: int = 2) -> None:
-        try:
-            from tokenizers import Tokenizer
-        except ImportError as error:
-            raise EnvironmentProblem(
-                "The package tokenizers is not installed in the engine's environment. Set up the engine again."
-            ) from error
         self.width = _WIDTH
         self.fingerprint = model.name  # the catalogue pins the hash of the file of this name
         self._session = open_session(model, threads=threads)
         self._inputs = [node.name for node in self._session.get_inputs()]
-        try:
-            self._tokenizer = Tokenizer.from_file(str(tokenizer))
-        except Exception as error:  # tokenizers raises plain Exception
-            raise ModelFileError(
-                f"The tokenizer file {tokenizer} cannot be read ({error}). Run: python -m engine models fetch"
-            ) from error
+        self._tokenizer = open_tokenizer(tokenizer, "minilm-tokenizer")
         self._tokenizer.enable_truncation(_MAX_TOKENS)
         self._tokenizer.enable_padding()
 
@@ -90,4 +79,4 @@ class SentenceEncoder:
         if output.ndim == 3:
             weights = attention[..., None].astype(np.float32)
             output = (output * weights).sum(axis=1) / weights.sum(axis=1)
-        return np.asarray(output / np.linalg.norm(output, axis=1, keepdims=True), np.float32)
+        return normalized(output)

@@ -14,7 +14,7 @@ from .detector import PromptCheck
 from .kept_vectors import kept_vectors
 from .sentences import SentenceEncoder
 
-__all__ = ["N_CLASSES", "Vocabulary"]
+__all__ = ["N_CLASSES", "Vocabulary", "required_text"]
 
 N_CLASSES = 1000
 # Smallest similarity of a known prompt; calibrated, see docs/design_notes/grounding.md.
@@ -54,7 +54,7 @@ class Vocabulary:
         PromptError
             When `prompt` is empty.
         """
-        certain = self._list.classes_of(_normalised(prompt))
+        certain = self._list.classes_of(required_text(prompt))
         if certain:
             return dict.fromkeys(sorted(certain), 1.0)
         similarity = self._similarities(prompt)
@@ -102,14 +102,14 @@ class Vocabulary:
 
     def _misspelt(self, prompt: str) -> list[str]:
         """Return words that are spelt nearly like the prompt; none if all its own words are English ones."""
-        return self._list.misspelt(_normalised(prompt), self._encoder.knows)
+        return self._list.misspelt(required_text(prompt), self._encoder.knows)
 
     def _similarities(self, prompt: str) -> Float32:
         """Return the similarity to each class, shape [1000]: the mean over its best word and its definition.
 
         See docs/design_notes/grounding.md for why the definition is included.
         """
-        vector = self._encoder.encode([_normalised(prompt)])[0]
+        vector = self._encoder.encode([required_text(prompt)])[0]
         words, definitions, class_of_word = self._vectors
         best = np.full(N_CLASSES, -1.0, np.float32)
         np.maximum.at(best, class_of_word, words @ vector)
@@ -128,8 +128,14 @@ class Vocabulary:
         return vectors[: len(words)], vectors[len(words) :], class_of_word
 
 
-def _normalised(prompt: str) -> str:
-    """Return the prompt in lower case, without articles and punctuation."""
+def required_text(prompt: str) -> str:
+    """Return a prompt as `normalised` does.
+
+    Raises
+    ------
+    PromptError
+        When nothing is left of it.
+    """
     text = normalised(prompt)
     if not text:
         raise PromptError("The prompt is empty. Type what to look for, for example: vase")

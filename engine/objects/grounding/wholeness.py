@@ -1,4 +1,4 @@
-"""What the classifier's features are like in rooms: how likely they show one whole thing, and what they usually are.
+"""Features of the classifier in rooms: how likely they show one whole thing, and what they usually are.
 
 ``whole_things.txt`` has the bias and the 2,560 weights of a linear fit: one whole thing, neither a part nor several;
 ``python -m benchmarks.rooms.wholeness`` makes it. ``usual_features.txt`` has the mean of their square roots over what

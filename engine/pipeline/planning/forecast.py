@@ -12,6 +12,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ...cameras import detecting_cores, detection_bytes, n_compared_pairs
 from ...cameras.settings import CameraSettings
 from ...core.system import Machine
 from ...objects.settings import SegmentSettings
@@ -42,7 +43,7 @@ _PHOTO_MEGAPIXEL_SECONDS = 0.045  # chosen on museum_room, sakharov_statue32
 
 _FEATURE_MEGAPIXEL_SECONDS = 2.5  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds of feature detection per megapixel of the working copy."""
-_COMPARED_PAIR_SECONDS = 0.005  # chosen on museum_room, sakharov_statue32
+_COMPARED_PAIR_SECONDS = 0.001  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per pair in the quick comparison that selects promising pairs."""
 _MATCHED_PAIR_SECONDS = 0.065  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per matched pair."""
@@ -98,7 +99,7 @@ POINTS_PER_PHOTO = 220  # chosen on museum_room, sakharov_statue32
 """Training: expected number of sparse points per photo that training starts from."""
 
 _SERIAL_SHARE = {
-    "photos": 0.1, "cameras": 0.36, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
+    "photos": 0.1, "cameras": 0.2, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
 }  # fmt: skip  # chosen on museum_room, sakharov_statue32
 """Share of each stage's work that cannot be divided among cores."""
 _MAX_CORES = {"masks": 2}
@@ -121,8 +122,6 @@ _MAX_PHOTO_SHARE = 0.75
 """Reading photos: largest share of the free memory. Threads wait for each other rather than use more."""
 _COLMAP_BYTES = 230_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Cameras: memory of pycolmap and its database."""
-_COLMAP_PIXEL_BYTES = 260
-"""Cameras: bytes per pixel of a working copy and thread. SIFT works on a picture of twice the size."""
 _SAM_BYTES = 880_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Masks and objects: memory of SAM."""
 _KEPT_AFTER_SAM_BYTES = 420_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
@@ -300,7 +299,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     Notes
     -----
     - photos: 0.03 s per photo and 0.045 s per megapixel
-    - cameras: (2.5 s per megapixel of the working copies + 5 ms per compared pair + 77 ms per matched pair + 0.03 s
+    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 77 ms per matched pair + 0.03 s
       n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
     - masks: 3 s per photo
     - training: `training_seconds`
@@ -313,7 +312,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     if stage == "cameras":
         if work.pairs == "none":
             return _GIVEN_CAMERAS_SECONDS
-        n_compared = n * (n - 1) / 2 if work.pairs == "promising" else 0.0
+        n_compared = n_compared_pairs(n) if work.pairs == "promising" else 0
         seconds = (
             n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
             + n_compared * _COMPARED_PAIR_SECONDS
@@ -365,7 +364,7 @@ def memory_of(
     - photos: 65 MB, and per thread 25 MB and 4.1 bytes per pixel, up to 60 million pixels; together at most 75 % of the
       free memory
     - all others: 500 MB for Python, torch and the compiled kernels, and in addition:
-    - cameras: 230 MB, and 260 bytes per pixel of a working copy and thread
+    - cameras: 230 MB, and 260 bytes per pixel of a working copy and core that detects features
     - masks: 880 MB for SAM
     - training: per photo and pixel, 3 bytes for the photo, 12 for labels and their index, 36 for the prepared target
       (one photo only where all would take more than 1 GiB); per Gaussian, 24 bytes per number and 256 with features;
@@ -384,7 +383,8 @@ def memory_of(
     if stage == "cameras":
         if work.pairs == "none":
             return python
-        return int(python + _COLMAP_BYTES + _COLMAP_PIXEL_BYTES * _copy_pixels(work) * min(4, cores))
+        copy = _copy_pixels(work)
+        return int(python + _COLMAP_BYTES + detection_bytes(copy) * detecting_cores(cores, copy, free=free))
     if stage == "masks":
         return python + _SAM_BYTES
     on_card = work.device.backend == "gpu"

@@ -1,4 +1,4 @@
-"""What is stored of an object: its own record, the museum record that a curator enters, and the trash.
+"""Stored objects: their own records, the museum records that a curator enters, and the trash.
 
 Standard library and NumPy only: Blender reads them, too.
 """

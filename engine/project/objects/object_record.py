@@ -1,4 +1,4 @@
-"""What is stored of an object: its record in ``object.json``."""
+"""The record of an object in ``object.json``."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from ...core.errors import DiskError, FormatError, ObjectError
 from ...core.files import (
     TEMPORARY_PREFIX,
+    bytes_of,
     delete_derived,
     object_file,
     optional,
@@ -137,7 +138,7 @@ def list_trash(project: Path) -> list[Trashed]:
 
 
 def _read_entry(folder: Path) -> Trashed:
-    n_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    n_bytes = bytes_of(folder)
     try:
         info = read_json(folder / _INFO, _SCHEMA, advice="Look into its folder.")
         deleted = datetime.fromisoformat(info["deleted"])

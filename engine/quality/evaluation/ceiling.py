@@ -1,4 +1,4 @@
-"""What the detector makes of the true masks: which words a perfect segmentation would let it find."""
+"""The detector on the true masks: which words a perfect segmentation would let it find."""
 
 from __future__ import annotations
 

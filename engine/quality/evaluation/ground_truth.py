@@ -163,7 +163,7 @@ def read_ground_truth(
 
 
 class _Read(NamedTuple):
-    """What a folder holds.
+    """The true masks in a folder.
 
     Attributes
     ----------
@@ -271,7 +271,7 @@ def _museum(folder: Path, photos: _Photos) -> _Read:
 
 
 class _Entry(NamedTuple):
-    """What ``names.json`` says about one instance id."""
+    """The entry of ``names.json`` for one instance id."""
 
     name: str
     prompt: str

@@ -32,7 +32,7 @@ _MIN_AREA = 0.25
 
 @dataclass(frozen=True)
 class WordRule:
-    """What the least score of a room (`Looks.least_odds`) answers.
+    """Answers by the least score of a room (`Looks.least_odds`).
 
     Attributes
     ----------

@@ -48,7 +48,7 @@ __all__ = ["Answer", "Question", "TrainedScene"]
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every method.
+    """The question that every method is asked.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a method answered.
+    """The answer of a method.
 
     Attributes
     ----------

@@ -10,6 +10,9 @@ __all__ = ["DRAWS", "STEP", "perturbed", "row_norms", "sensitivities"]
 
 Arrays = Mapping[str, torch.Tensor]
 
+_SEED = 11
+"""Seed of the random signs."""
+
 STEP = 2.0**-36
 """Relative size of the perturbations. It is so small that neither the order by depth (rounded to float32) nor a pixel
 away from a threshold changes, and so large that the rounding of float64 is 1e-5 of the measured change."""
@@ -30,7 +33,7 @@ def perturbed(values: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     return values * (1.0 + STEP * signs)
 
 
-def sensitivities(compute: Callable[[Arrays], Arrays], inputs: Arrays, *, seed: int = 11) -> dict[str, torch.Tensor]:
+def sensitivities(compute: Callable[[Arrays], Arrays], inputs: Arrays) -> dict[str, torch.Tensor]:
     """Return the absolute change per relative change of the inputs, for each row of the arrays that `compute` returns.
 
     With y = compute(x) in float64 and random signs s (Rademacher) for every number in x::
@@ -48,15 +51,13 @@ def sensitivities(compute: Callable[[Arrays], Arrays], inputs: Arrays, *, seed: 
         Function from named float64 arrays to named float64 arrays [N, ...]. It must not use the ``cpu`` backend.
     inputs : mapping of str to tensor
         All arrays that are rounded: those of the Gaussians and, for gradients, the incoming gradient of the picture.
-    seed : int
-        Seed of the random signs.
 
     References
     ----------
     Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed. 2002, sections 1.5 and 1.6. Kenney & Laub,
     Small-sample statistical condition estimates for general matrix functions, SIAM J. Sci. Comput. 15 (1994).
     """
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator().manual_seed(_SEED)
     base = compute(inputs)
     largest = {name: torch.zeros(len(value), dtype=torch.float64) for name, value in base.items()}
     for _ in range(DRAWS):

@@ -27,7 +27,7 @@ _STEPS_PER_ATTEMPT = (1, 47, 20, 35)
 """Steps of each attempt: they end before the first checkpoint, between two, after growth, and near the end."""
 
 _ANSWER = {"type": (str, None), "message": str, "code": int, "step": int, "problems": [str], "same": bool}
-"""What `engine.quality.stability.memory_limit` prints."""
+"""The last line that `engine.quality.stability.memory_limit` prints."""
 
 _MAX_COVERED_SHARE = 0.05
 """Largest mean opacity of pixels that are black in the photos. The soft edges of the balls cause 1 to 2 %."""

@@ -30,7 +30,7 @@ _STATUS = {
 
 
 class Problem(BaseModel):
-    """What is wrong, as a sentence for the user."""
+    """A problem, as a sentence for the user."""
 
     detail: str
 

@@ -10,7 +10,7 @@ from fastapi.concurrency import run_in_threadpool
 from ..access import CurrentProject, server_of
 from ..conditional import file_answer
 from ..contents import describe_removed
-from ..small_photos import SMALL_SIDE
+from ..small_photos import LARGE_SIDE, SMALL_SIDE
 
 __all__ = ["router"]
 
@@ -19,7 +19,7 @@ router = APIRouter(prefix="/projects/{project_id}/photos", tags=["photos"])
 
 @router.get("/{name}")
 async def read_photo(
-    name: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = SMALL_SIDE
+    name: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=LARGE_SIDE)] = SMALL_SIDE
 ) -> Response:
     """Return a small JPEG of a photo, upright."""
     file = await server_of(request).work.small_photo(await run_in_threadpool(project.photo, name), project.cache, side)

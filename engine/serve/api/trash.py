@@ -1,4 +1,4 @@
-"""What a user removed: seen, brought back, deleted for good."""
+"""The trash of a user: shown, brought back, deleted for good."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the viewer shows: the scene, its cameras, the photos to click on, and the live picture of the training."""
+"""Data for the viewer: the scene, its cameras, the photos to click on, and the live picture of the training."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from ..access import CurrentProject, server_of
 from ..conditional import file_answer
 from ..downloads import DownloadFormat, download_name
 from ..library import NotFound
+from ..small_photos import LARGE_SIDE
 
 __all__ = ["router"]
 
@@ -58,7 +59,7 @@ def read_cameras(project: CurrentProject) -> dict[str, Any]:
 
 @router.get("/views/{photo}")
 async def read_view(
-    photo: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=1600)] = 1600
+    photo: str, project: CurrentProject, request: Request, side: Annotated[int, Query(ge=1, le=LARGE_SIDE)] = LARGE_SIDE
 ) -> Response:
     """Return the photo that clicks refer to, upright, with its lens distortion."""
     small = await server_of(request).work.small_photo(

@@ -32,6 +32,7 @@ def step_settings(inputs: Inputs) -> StepSettings:
         lambda_exposure=settings.appearance.lambda_exposure if settings.appearance.exposure else 0.0,
         lambda_scale=settings.loss.lambda_scale / extent,
         limits=limits,
+        largest_step=settings.optimiser.largest_step,
         unit_features=settings.features.feature_init == "unit",
         detached_features=settings.features.feature_gradient == "detached",
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ...core.settings import require
@@ -58,6 +59,8 @@ class StepSettings:
         Applied after each step. Without them, quats are not normalised either.
     beta1, beta2, eps : float
         See `engine.training.adam_step`.
+    largest_step : float
+        Its `largest`.
     unit_features : bool
         Whether features are divided by their length before they are blended.
     detached_features : bool
@@ -72,6 +75,7 @@ class StepSettings:
     beta1: float = 0.9
     beta2: float = 0.999
     eps: float = 1e-15
+    largest_step: float = math.inf
     unit_features: bool = False
     detached_features: bool = False
     raster: RasterSettings = RasterSettings()
@@ -82,4 +86,5 @@ class StepSettings:
             require(self, name, getattr(self, name) >= 0.0, "at least 0")
         require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
         require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")
-        require(self, "eps", self.eps > 0.0, "above 0")
+        for name in ("eps", "largest_step"):
+            require(self, name, getattr(self, name) > 0.0, "above 0")

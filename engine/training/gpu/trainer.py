@@ -48,6 +48,7 @@ _BATCH = 64
 """Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a
 failure."""
 
+_FLOAT32_MAX = float(np.finfo(np.float32).max)
 _EXPOSURE = "exposure"
 _GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
 
@@ -485,7 +486,8 @@ class GpuTrainer:
         for name, (rate, done) in rates.items():
             t = done + queued[name]
             root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
-            groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
+            largest = min(settings.largest_step * rate, _FLOAT32_MAX) if rate else 0.0
+            groups[_GROUPS.index(name)] = rate / (1.0 - settings.beta1**t), root_correction, 1.0, largest
         factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
         frame.set_optimiser(
             index, loss, settings.unit_features, np.array(factors, np.float32), groups, with_limits=plan.limits

@@ -333,7 +333,8 @@ class TrainingFrame(TrainingWorkspace, Frame):
         factors : float32 array of shape [5]
             beta1, beta2, 1 - beta1, 1 - beta2, eps.
         groups : float32 array of shape [8, 4]
-            For each of `GROUPS` and the exposures: step size, root of the correction of the square, 1 if it is trained.
+            For each of `GROUPS` and the exposures: step size, root of the correction of the square, 1 if it is trained,
+            largest change.
         with_limits : bool
             Whether the limits are applied after it.
         """

@@ -23,7 +23,7 @@ from ...project.folder import ProjectFolder
 from .cluster import GPU, MEMORY, connected_client, worker_resources
 from .folder_state import WORKER_PROBLEMS, FolderState, folder_states
 from .settings import BatchSettings
-from .shipping import Bundle, mirror, pack, pack_photos, size_of
+from .shipping import Bundle, mirror, pack, pack_photos
 from .stage_task import run_stage, stop_stages, topic_of
 
 __all__ = ["BatchResult", "Coordinator", "run_batch"]
@@ -238,7 +238,6 @@ class Coordinator:
         ]  # fmt: skip
         if self.settings.ship:
             bundle = self._bundle(folder)
-            folder.shipped_bytes += size_of(bundle["photos"]) + size_of(bundle["project"])
             # As a future: a large value must not go through the scheduler.
             arguments.append(self.client.scatter([bundle], hash=False)[0])
         avoided = self._avoided.get(folder.stage, set())
@@ -316,7 +315,6 @@ class Coordinator:
         folder.cpu_seconds += answer["cpu_seconds"] or 0.0
         if answer["project"] is not None:
             try:
-                folder.shipped_bytes += size_of(answer["project"])
                 mirror(answer["project"], folder.out)
                 project = ProjectFolder.open_existing(folder.out)
                 # On the worker it was a folder of its own.

@@ -54,7 +54,6 @@ class FolderState:
         What the last task said at its end, see `engine.core.events.Finished`.
     seconds, cpu_seconds : float
         Sum over its tasks; killed ones do not report their cost.
-    shipped_bytes : int
     busy_since : float or None
         When another job was first found working in it.
     """
@@ -79,7 +78,6 @@ class FolderState:
     outputs: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
-    shipped_bytes: int = 0
     busy_since: float | None = None
 
     @property

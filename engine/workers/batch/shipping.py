@@ -14,7 +14,7 @@ from ...core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, path_w
 from ...photos import picture_files
 from ...project.folder import PROJECT_FILE
 
-__all__ = ["Bundle", "Files", "mirror", "pack", "pack_photos", "size_of", "unpack"]
+__all__ = ["Bundle", "Files", "mirror", "pack", "pack_photos", "unpack"]
 
 Files = dict[str, tuple[int, bytes]]
 """Name relative to the folder, with slashes: time of change in nanoseconds, and content."""
@@ -126,8 +126,3 @@ def mirror(files: Files, project: Path) -> None:
     for name in before:
         if name not in files:
             delete_derived(project, *PurePosixPath(name).parts)
-
-
-def size_of(files: Files) -> int:
-    """Return the bytes of all files."""
-    return sum(len(content) for _, content in files.values())

@@ -261,7 +261,7 @@ def test_changed_meshes_are_told_and_errors_are_shown(part: Part, log: Path) -> 
         bpy.context.view_layer.update()
         assert "KeyError" in part("gaussian_heritage_addon.blender.problems").shown()
     finally:
-        guards.remove_change_handler(changed)
+        guards.remove_handler(changed)
     count = len(told)
     mesh.update_tag()
     bpy.context.view_layer.update()

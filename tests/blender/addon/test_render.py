@@ -21,7 +21,7 @@ def rendered_by_formula(part: Part, gaussians: Any, camera: Any, *, linear: bool
     fx, fy, cx, cy = camera.params
     world_to_camera = camera.viewmat[:3, :3]
     centers = gaussians.means @ world_to_camera.T + camera.viewmat[:3, 3]
-    rotations = part("engine.formats.transform").rotations_from_quats(gaussians.quats)
+    rotations = part("engine.scene").rotations_from_quats(gaussians.quats)
     axes = world_to_camera @ rotations * gaussians.scales[:, None, :].astype(np.float64)
     directions = gaussians.means - camera.center
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

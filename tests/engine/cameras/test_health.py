@@ -79,7 +79,7 @@ def model_of(true_lens: LensOf, noise: float = 0.2, step: float = 0.35) -> pycol
 
 def finding(true_lens: LensOf) -> CameraHealth:
     model = model_of(true_lens)
-    figures = measure_model(model, should_stop=never_stop)
+    figures = measure_model(model, None, should_stop=never_stop)
     error = model.compute_mean_reprojection_error()
     return judge(Evidence(n_photos=8, n_placed=8, error=error, **figures))  # type: ignore[arg-type]
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.cameras.pairs import all_pairs, largest_descriptors, promising_pairs
+from engine.cameras import pairs as pairs_module
+from engine.cameras.pairs import all_pairs, largest_descriptors, promising_pairs, quick_matches
+from engine.cameras.retrieval import similar_pairs
 from engine.core.errors import Cancelled
 
 
@@ -57,3 +59,34 @@ def test_the_largest_features_are_selected() -> None:
     assert (chosen[:10, 1] > 0).all()
     assert (chosen[10:, 1] == 0).all()
     assert largest_descriptors(scales, descriptors, photos=200).shape == (300, 128)
+
+
+def test_many_photos_are_compared_with_similar_ones_only_and_the_same_neighbours_are_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    photos = around(40)
+    every = promising_pairs(photos, neighbours=2, report=lambda done: None, should_stop=lambda: False)
+    compared: list[int] = []
+
+    def counted(first: NDArray[np.float32], second: NDArray[np.float32]) -> int:
+        compared.append(1)
+        return quick_matches(first, second)
+
+    monkeypatch.setattr(pairs_module, "EVERY_PAIR_UP_TO", 30)
+    monkeypatch.setattr(pairs_module, "_SIMILAR", 8)
+    monkeypatch.setattr(pairs_module, "quick_matches", counted)
+    found = promising_pairs(photos, neighbours=2, report=lambda done: None, should_stop=lambda: False)
+    assert len(compared) <= pairs_module.n_compared_pairs(40) == 8 * 40
+    # Photos show 80 features, 20 further for each step: three steps apart they share 20.
+    near = {(i, j) for i, j in every if min(j - i, 40 - (j - i)) <= 3}
+    assert near <= set(found)
+
+
+def test_similar_photos_are_those_that_show_the_same_and_a_photo_without_features_has_none() -> None:
+    photos = around(40)
+    photos[7] = np.zeros((0, 128), np.float32)
+    found = similar_pairs(photos, partners=4, seed=0)
+    assert found == sorted(set(found)) == similar_pairs(photos, partners=4, seed=0)
+    assert all(i < j for i, j in found)
+    assert not [pair for pair in found if 7 in pair]
+    assert {(i, i + 1) for i in range(39) if 7 not in (i, i + 1)} <= set(found)

@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 from engine.cameras.settings import CameraSettings
-from engine.cameras.sfm import estimate_cameras
+from engine.cameras.sfm import estimate_cameras, other_groups_text
 from engine.cameras.undistortion import project
 from engine.core.errors import CameraError, Cancelled, SettingsError
 from engine.core.events import Event, Progress, Warned
@@ -204,7 +204,7 @@ def test_a_killed_run_is_resumed(room: Scene, tmp_path: Path, seconds: float) ->
         f"""
         from pathlib import Path
         from engine.cameras.settings import CameraSettings
-        from engine.cameras.sfm import estimate_cameras
+        from engine.cameras.sfm import estimate_cameras, other_groups_text
         from engine.photos.reading import read_photos
         photos = read_photos(Path({str(room.photo_set.folder)!r}))
         print("ready", flush=True)
@@ -287,3 +287,14 @@ def test_photos_with_an_exif_focal_length_are_placed(data_folder: Path, tmp_path
     assert len(camera_set.cameras) >= 13
     # The estimated focal length is close to that of EXIF.
     assert camera_set.cameras[0].params[0] == pytest.approx(photo_set.photos[0].focal_px, rel=0.1)
+
+
+def test_photos_of_other_scenes_are_named_group_by_group_with_what_to_do() -> None:
+    text = other_groups_text(9, [{"d.jpg", "c.jpg"}, {"b.jpg", "a.jpg", "c.jpg"}, {"c.jpg"}])
+    assert text.startswith(
+        "The photos fall into 3 groups that no photo connects, and the largest with 9 photos is used"
+    )
+    assert "folder of its own" in text
+    # A photo of two groups stands in the larger one.
+    assert text.endswith("group 2 (3 photos): a.jpg, b.jpg, c.jpg; group 3 (1 photo): d.jpg.")
+    assert other_groups_text(9, [set(), set()]) == ""

@@ -14,7 +14,8 @@ import pytest
 from engine.core.errors import FormatError
 from engine.formats.axes import y_down_from_z_up
 from engine.formats.ply import read_ply, read_ply_file, write_ply
-from engine.formats.transform import rotations_from_quats, transform_gaussians
+from engine.formats.transform import transform_gaussians
+from engine.scene import rotations_from_quats
 from engine.scene.gaussians import Gaussians
 
 RandomGaussians = Callable[..., Gaussians]

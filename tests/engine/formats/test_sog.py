@@ -16,8 +16,8 @@ import pytest
 from engine.core.errors import FormatError, NumericalError
 from engine.formats import read_ply_file, read_sog, write_sog
 from engine.formats.codebooks import codebook, palette
-from engine.formats.transform import rotations_from_quats
 from engine.pictures import decode_picture, encode_picture
+from engine.scene import rotations_from_quats
 from engine.scene.gaussians import Gaussians
 
 RandomGaussians = Callable[..., Gaussians]

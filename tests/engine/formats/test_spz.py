@@ -17,7 +17,8 @@ from engine.core.errors import EnvironmentProblem, FormatError, NumericalError
 from engine.formats.axes import y_down_from_z_up
 from engine.formats.ply import read_ply
 from engine.formats.spz import read_spz, write_spz
-from engine.formats.transform import rotations_from_quats, transform_gaussians
+from engine.formats.transform import transform_gaussians
+from engine.scene import rotations_from_quats
 from engine.scene.gaussians import Gaussians
 
 RandomGaussians = Callable[..., Gaussians]

@@ -13,10 +13,9 @@ from engine.formats.transform import (
     AffineMap,
     logits_of,
     quats_from_rotations,
-    rotations_from_quats,
     transform_gaussians,
-    unit_quats,
 )
+from engine.scene import rotations_from_quats, unit_quats
 from engine.scene.gaussians import Gaussians
 
 RandomGaussians = Callable[..., Gaussians]

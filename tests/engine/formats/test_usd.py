@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from engine.core.errors import DiskError, EnvironmentProblem, FormatError, NumericalError
-from engine.formats.transform import rotations_from_quats
 from engine.formats.usd import PRIM_TYPE, write_usd
 from engine.formats.usd_elsewhere import write_usd_elsewhere
 from engine.formats.usd_reading import read_usd
+from engine.scene import rotations_from_quats
 from engine.scene.gaussians import Gaussians
 
 pxr_usd = pytest.importorskip("pxr.Usd", reason="usd-core is optional: requirements/formats.txt")

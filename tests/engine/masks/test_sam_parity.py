@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 import torch
@@ -22,7 +21,7 @@ from engine.core.errors import MaskError, ModelFileError, SettingsError
 from engine.install.models.cache import CACHE_VARIABLE
 from engine.install.models.catalogue import find_model_files
 from engine.masks.automatic import _Candidate, _passes_filters, segment_everything
-from engine.masks.generator import _suppress_overlapping, generate_grid_masks
+from engine.masks.generator import generate_grid_masks
 from engine.masks.sam import Embedding, SegmentAnything, load_sam
 from engine.masks.settings import PRESETS, SAM_MODELS, MaskSettings
 from tests.engine.masks import tiny_sam
@@ -187,18 +186,6 @@ def test_published_generator_leaves_a_photo_without_masks_unlabelled(tiny: Tiny)
     sam = tiny.ours("four")
     labels = segment_everything(sam.encode(_large()), sam, replace(PRESETS["published"], grid=2))
     assert labels.shape == (768, 1024) and not labels.any()
-
-
-def test_published_generator_suppresses_boxes_like_opencv() -> None:
-    generator = np.random.default_rng(5)
-    low = generator.integers(0, 60, (200, 2))
-    boxes = np.hstack([low, low + generator.integers(10, 60, (200, 2))])
-    scores = generator.random(200)
-    sizes = np.hstack([low, boxes[:, 2:] - low])
-    for overlap in (0.3, 0.7):
-        wanted = cv2.dnn.NMSBoxes(sizes.tolist(), scores.tolist(), 0.0, overlap)
-        assert 20 < len(wanted) < 200
-        assert _suppress_overlapping(boxes, scores, overlap) == list(wanted)
 
 
 def test_each_scale_of_a_click_may_become_a_segment() -> None:

@@ -11,7 +11,7 @@ import pytest
 from engine.core.errors import Cancelled, ObjectError
 from engine.core.events import never_stop
 from engine.meshing import MeshResult, mesh_object
-from engine.meshing.object_mesh import vertex_normals
+from engine.meshing.cleaning import vertex_normals
 from engine.meshing.settings import MeshSettings
 from engine.pictures import Scene
 

@@ -337,12 +337,13 @@ def test_detail_on_the_card_is_as_good_as_on_the_processor(card: Gpu, seen: Seen
     results = []
     for backend in ("cpu", "gpu"):
         views = Views(Scene(seen.gaussians, backend=backend), seen.cameras, render_side=160)
-        settings = replace(BETTER, render_side=160, detail_steps=60)
+        settings = replace(BETTER, render_side=160, detail_steps=20)
         results.append(detail_object(views, seen.photos, seen.members, settings, should_stop=never_stop))
     processor, on_card = (one.record for one in results)
     assert (processor["device"], on_card["device"]) == ("processor", "card")
     assert on_card["psnr"][0] == pytest.approx(processor["psnr"][0], abs=0.02)
-    assert on_card["psnr"][1] == pytest.approx(processor["psnr"][1], abs=0.4) and on_card["kept"]
+    # A fifth of what the steps gain: the devices add in another order.
+    assert on_card["psnr"][1] == pytest.approx(processor["psnr"][1], abs=0.05) and on_card["kept"]
     assert on_card["gaussians"] == pytest.approx(processor["gaussians"], rel=0.02)
 
 
@@ -353,7 +354,7 @@ def test_card_that_fails_leaves_detail_to_the_processor_unless_it_is_demanded(
     def fail(*given: Any, **named: Any) -> None:
         raise EnvironmentProblem("The card lacks memory; use another one.")
 
-    monkeypatch.setattr("engine.training.gpu.detail.GpuDetailSteps.result", fail)
+    monkeypatch.setattr("engine.training.gpu.detail.GpuDetailSteps.grow", fail)
     problems: list[EnvironmentProblem] = []
     scene = Scene(seen.gaussians, backend="gpu", on_failure=None if demanded else problems.append)
     settings = replace(BETTER, render_side=160, detail_steps=40)

@@ -22,7 +22,6 @@ from tests.engine.pictures.blob_scene import BlobScene
 
 
 def test_forms_of_the_command_line_are_read() -> None:
-    assert parse_prompt(text="vase") == TextPrompt("vase")
     assert parse_prompt(click="IMG_1.jpg=364,500.5") == ClickPrompt("IMG_1.jpg", 364, 500.5)
     assert parse_prompt(click="a=b/IMG.jpg=1,2") == ClickPrompt("a=b/IMG.jpg", 1, 2)
     assert parse_prompt(box="IMG_1.jpg=30,40,10,20") == BoxPrompt("IMG_1.jpg", 10, 20, 30, 40)
@@ -39,8 +38,7 @@ def test_mask_whose_name_holds_an_equals_sign_is_found(tmp_path: Path) -> None:
     ("given", "message"),
     [
         ({}, "exactly one"),
-        ({"text": "a", "click": "b=1,2"}, "exactly one"),
-        ({"text": "  "}, "prompt is empty"),
+        ({"click": "b=1,2", "mask": "b=a.png"}, "exactly one"),
         ({"click": "IMG.jpg"}, "PHOTO=x,y"),
         ({"click": "IMG.jpg=1"}, "PHOTO=x,y"),
         ({"click": "IMG.jpg=nan,2"}, "PHOTO=x,y"),
@@ -53,6 +51,11 @@ def test_mask_whose_name_holds_an_equals_sign_is_found(tmp_path: Path) -> None:
 def test_other_forms_are_refused_with_the_right_one(given: dict[str, str], message: str) -> None:
     with pytest.raises(PromptError, match=message):
         parse_prompt(**given)
+
+
+def test_text_without_words_is_refused() -> None:
+    with pytest.raises(PromptError, match="prompt is empty"):
+        TextPrompt("  ")
 
 
 def test_unknown_photo_names_the_nearest(blobs: BlobScene) -> None:

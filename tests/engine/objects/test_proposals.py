@@ -10,7 +10,7 @@ from scipy.special import logit
 from engine.core.errors import Cancelled
 from engine.core.events import Event, Progress
 from engine.objects.context import SegmentationContext
-from engine.objects.proposals import LEAST_PROBABILITY, Proposals, apart, find_proposals
+from engine.objects.proposals import LEAST_PROBABILITY, Proposals, choose_sets, find_proposals
 from engine.objects.settings import BETTER
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
@@ -125,10 +125,10 @@ WHOLE, LEFT, RIGHT, OTHER = np.array(
     ],
 )
 def test_sets_apart_gain_most_together(gains: tuple[float, ...], chosen: list[int]) -> None:
-    assert apart(np.array([WHOLE, LEFT, RIGHT, OTHER]), np.array(gains)) == chosen
+    assert choose_sets(np.array([WHOLE, LEFT, RIGHT, OTHER]), np.array(gains)) == chosen
 
 
 def test_several_sets_take_the_place_of_the_first_one_and_one_that_of_several() -> None:
     sets = np.array([[1, 1, 1, 1, 0, 0], [0, 0, 1, 1, 1, 1], [0, 1, 1, 1, 1, 0], [1, 1, 1, 1, 1, 1]], bool)
-    assert apart(sets, np.array([0.4, 0.35, 0.5, 0.1])) == [0, 1]
-    assert apart(sets, np.array([0.4, 0.35, 0.5, 0.9])) == [3]
+    assert choose_sets(sets, np.array([0.4, 0.35, 0.5, 0.1])) == [0, 1]
+    assert choose_sets(sets, np.array([0.4, 0.35, 0.5, 0.9])) == [3]

@@ -499,8 +499,6 @@ def test_forms_of_several_clicks_are_read() -> None:
     assert prompt == ClickPrompt("a.jpg", 1, 2, (Point("b.jpg", 3, 4),), (Point("a.jpg", 5, 6),))
     with pytest.raises(PromptError, match="PHOTO=x,y"):
         parse_prompt(click=["a.jpg=1,2"], excluded=["a.jpg"])
-    with pytest.raises(PromptError, match="--refine"):
-        parse_prompt(text="vase", excluded=["a.jpg=1,2"])
 
 
 def stored(project: ProjectFolder) -> dict[str, object]:

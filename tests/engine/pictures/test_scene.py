@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
+from engine.core.arrays import normalized
 from engine.pictures.clusters import cluster_colors, find_clusters, principal_colors
-from engine.pictures.scene import Scene, normalized
+from engine.pictures.scene import Scene
 from engine.rasterizer import rasterize
 from engine.rasterizer.settings import RasterSettings
 from tests.engine.pictures.blob_scene import BLUE, BlobScene, as_pinhole

@@ -26,6 +26,18 @@ def test_steps_agree_with_torch_for_several_parameters_and_rates() -> None:
         torch.testing.assert_close(parameter.double(), expected.detach(), rtol=1e-5, atol=2e-6)
 
 
+def test_a_value_without_moments_late_in_a_run_changes_by_its_rate_and_no_more() -> None:
+    changes = []
+    for limits in ({}, {"largest": 1.0}):
+        parameter = torch.zeros(1, 3)
+        state = AdamState(torch.zeros(1, 3), torch.zeros(1, 3), step=2000)
+        adam_step([(parameter, torch.tensor([[1.0, -2.0, 0.0]]), 0.1)], [state], **limits)
+        changes.append(parameter[0].tolist())
+    # The first step of a fresh Gaussian: 0.1 / sqrt(0.001) of the rate, corrected for 2,000 steps.
+    assert changes[0] == pytest.approx([-0.294, 0.294, 0.0], abs=1e-3)
+    assert changes[1] == pytest.approx([-0.1, 0.1, 0.0])
+
+
 def test_steps_are_the_same_bit_for_bit_with_any_number_of_threads() -> None:
     start, gradient = torch.randn(501, 3), torch.randn(501, 3)
     found = []

@@ -32,7 +32,7 @@ struct Optimiser {
     with_limits: u32,    // whether limits.wgsl does anything in this step
     unused_1: u32,
     unused_0: u32,
-    groups: array<vec4<f32>, 8>,  // step size, root of the correction of v, 1 if the group is trained
+    groups: array<vec4<f32>, 8>,  // step size, root of the correction of v, 1 if it is trained, largest change
 }
 
 const MEANS: u32 = 0u;
@@ -70,7 +70,8 @@ fn adam(gradient: f32, mean: f32, square: f32, group: u32) -> vec3<f32> {
     let m = optimiser.beta1 * mean + optimiser.one_minus_beta1 * gradient;
     let v = optimiser.beta2 * square + optimiser.one_minus_beta2 * gradient * gradient;
     let factors = optimiser.groups[group];
-    return vec3<f32>(m, v, factors.x * m / (sqrt(v) * factors.y + optimiser.eps));
+    let change = factors.x * m / (sqrt(v) * factors.y + optimiser.eps);
+    return vec3<f32>(m, v, clamp(change, -factors.w, factors.w));
 }
 
 fn is_trained(group: u32) -> bool {

@@ -310,6 +310,30 @@ def _bundle(wheels: Path, **changes: Any) -> Path:
     return file
 
 
+def test_bundle_of_the_same_files_has_the_same_bytes(
+    wheels: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where they were downloaded at another time, in another order."""
+    orders = iter([sorted(wheels.glob("*.whl")), sorted(wheels.glob("*.whl"), reverse=True)])
+
+    def download(pip: Pip, arguments: object, folder: Path, *, one_index: bool = False) -> None:
+        folder.mkdir(exist_ok=True)
+        for number, file in enumerate(order):
+            (folder / file.name).write_bytes(file.read_bytes())
+            os.utime(folder / file.name, (number + 1e9 + len(written), number + 1e9))
+
+    monkeypatch.setattr(Pip, "download", download)
+    monkeypatch.setattr(bundles, "torch_source", lambda *arguments: TorchSource("cpu", (), False, "torch (cpu)"))
+    monkeypatch.setattr(bundles, "CATALOGUE", {})
+    written: list[bytes] = []
+    for order in orders:
+        out = tmp_path / f"{len(written)}.zip"
+        made = bundles.write_bundle(out, _base_python(), tmp_path, "cpu", list[Event]().append, system=SYSTEMS["linux"])
+        assert len(made.files) == len(order)
+        written.append(out.read_bytes())
+    assert written[0] == written[1]
+
+
 def test_bundle_needs_no_index(engine: EngineEnvironment, wheels: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = _bundle(wheels)
     monkeypatch.setenv("PIP_FIND_LINKS", "")

@@ -38,7 +38,7 @@ def encoder(folder: Path) -> ImageTextEncoder:
 
 @pytest.fixture(scope="module")
 def any_word(encoder: ImageTextEncoder, detector: OfflineVocabulary, folder: Path) -> AnyWord:
-    return AnyWord.from_encoder(encoder, detector, folder / "derived")
+    return AnyWord(encoder, detector, folder / "derived")
 
 
 def _words() -> list[str]:
@@ -162,7 +162,7 @@ def test_german_word_is_asked_in_english_of_an_encoder_that_knows_no_other_langu
     listening = Listening.__new__(Listening)
     listening.__dict__.update(encoder.__dict__)
     listening.kind = replace(encoder.kind, knows_languages=True)
-    AnyWord.from_encoder(listening, any_word._classifier, None).score_descriptions(described, "Teekanne")
+    AnyWord(listening, any_word._classifier, None).score_descriptions(described, "Teekanne")
     assert asked[0] == ["teekanne"]
 
 
@@ -181,7 +181,7 @@ def test_vectors_of_the_vocabulary_are_kept(any_word: AnyWord, encoder: ImageTex
     first = any_word.score_vocabulary(described)
     (file,) = (folder / "derived").glob("class-words-*.npy")
     before = file.stat().st_mtime_ns
-    again = AnyWord.from_encoder(encoder, any_word._classifier, folder / "derived")
+    again = AnyWord(encoder, any_word._classifier, folder / "derived")
     np.testing.assert_array_equal(again.score_vocabulary(described), first)
     assert file.stat().st_mtime_ns == before
 

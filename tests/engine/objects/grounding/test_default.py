@@ -12,7 +12,7 @@ from engine.core.files import file_sha256
 from engine.install.models.cache import CACHE_VARIABLE
 from engine.install.models.catalogue import find_model_file
 from engine.install.models.verification import write_record
-from engine.objects.grounding import any_word, offline_vocabulary
+from engine.objects.grounding import any_word, image_text, offline_vocabulary
 from engine.objects.grounding.default import default_detector_name, load_default_detector
 from engine.objects.grounding.grounding_dino import GroundingDino
 from tests.engine.objects.grounding import tiny_dino
@@ -68,7 +68,9 @@ def test_image_text_encoder_is_preferred_once_all_its_files_are_stored(
     with pytest.raises(ModelFileError, match="vision.onnx is damaged .* models fetch clip-vit-b-32-vision"):
         load_default_detector()
     opened: list[tuple[str, Path]] = []
-    monkeypatch.setattr(any_word, "AnyWord", lambda name, cache: opened.append((name, cache)) or "it")
+    monkeypatch.setattr(image_text, "load_encoder", lambda name, cache: opened.append((name, cache)))
+    monkeypatch.setattr(offline_vocabulary, "OfflineVocabulary", lambda cache: None)
+    monkeypatch.setattr(any_word, "AnyWord", lambda encoder, classifier, derived: "it")
     assert load_default_detector() == "it" and opened == [("clip-vit-b-32", models.parent)]
 
 

@@ -15,7 +15,7 @@ import transformers
 from engine.core.errors import ModelFileError, PromptError
 from engine.install.models.onnx_session import open_session
 from engine.objects.grounding.detector import Detector
-from engine.objects.grounding.dino_inputs import load_tokenizer, normalise_picture, resized_size, to_caption
+from engine.objects.grounding.dino_inputs import Tokenizer, normalise_picture, resized_size, to_caption
 from engine.objects.grounding.grounding_dino import GroundingDino, best_segments
 from engine.objects.grounding.settings import GroundingSettings
 from tests.engine.objects.grounding import tiny_dino
@@ -44,7 +44,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Tiny:
         transformers.GroundingDinoImageProcessorPil(size=side, do_pad=False), tokenizer
     )
     session = open_session(folder / "tiny.onnx")
-    detector = GroundingDino.from_session("tiny", session, folder / "tokenizer.json", KEEP_ALL)
+    detector = GroundingDino("tiny", session, folder / "tokenizer.json", KEEP_ALL)
     return Tiny(model, processor, detector, folder / "tokenizer.json")
 
 
@@ -58,11 +58,11 @@ def _photo(height: int = 70, width: int = 130, seed: int = 0) -> np.ndarray:
     ["a red vase .", "the Head of a woman .", "an 18th-century vase's café .", "vasen ??? , . unheard .", "VASE."],
 )
 def test_tokens_equal_transformers(tiny: Tiny, text: str) -> None:
-    ours = load_tokenizer(tiny.tokenizer_file)(text, None)
+    ours = Tokenizer(tiny.tokenizer_file)(text, None)
     theirs = tiny.processor.tokenizer(text, return_tensors="np")
     np.testing.assert_array_equal(ours.ids, theirs["input_ids"])
     np.testing.assert_array_equal(ours.attention, theirs["attention_mask"])
-    padded = load_tokenizer(tiny.tokenizer_file)(text, 32)
+    padded = Tokenizer(tiny.tokenizer_file)(text, 32)
     assert padded.ids.shape == (1, 32) and padded.attention.sum() == ours.ids.shape[1]
 
 
@@ -103,7 +103,7 @@ def test_detections_are_sorted_inside_the_photo_and_above_the_threshold(tiny: Ti
     boxes = np.array([detection.box for detection in every])
     assert boxes.min() >= 0 and (boxes[:, [0, 2]] <= 130).all() and (boxes[:, [1, 3]] <= 70).all()
     settings = GroundingSettings(box_threshold=float(np.median(scores)), text_threshold=0.5, max_overlap=1.0)
-    few = GroundingDino.from_session("tiny", tiny.detector._session, tiny.tokenizer_file, settings)
+    few = GroundingDino("tiny", tiny.detector._session, tiny.tokenizer_file, settings)
     assert few.detect(pixels, "a red vase") == every[:20]
 
 
@@ -130,7 +130,7 @@ class _Scripted:
 
 def test_export_with_free_sizes_gets_a_shorter_side_of_800_and_no_padding(tiny: Tiny) -> None:
     session = _Scripted([(0.5, 0.5, 0.5, 0.5)], [0.6])
-    detector = GroundingDino.from_session("free", session, tiny.tokenizer_file)
+    detector = GroundingDino("free", session, tiny.tokenizer_file)
     (found,) = detector.detect(_photo(100, 150), "vase")
     assert session.inputs[0]["pixel_values"].shape == (1, 3, 800, 1200)
     assert session.inputs[0]["input_ids"].shape == (1, 4) and "pixel_mask" not in session.inputs[0]
@@ -140,7 +140,7 @@ def test_export_with_free_sizes_gets_a_shorter_side_of_800_and_no_padding(tiny: 
 
 def test_overlapping_boxes_are_suppressed_and_the_model_runs_once_per_photo(tiny: Tiny) -> None:
     session = _Scripted([(0.5, 0.5, 0.4, 0.4), (0.51, 0.5, 0.4, 0.4), (0.2, 0.2, 0.2, 0.2)], [0.5, 0.6, 0.4])
-    detector = GroundingDino.from_session("free", session, tiny.tokenizer_file)
+    detector = GroundingDino("free", session, tiny.tokenizer_file)
     for _ in range(2):
         assert [round(found.score, 3) for found in detector.detect(_photo(), "vase")] == [0.6, 0.4]
     assert len(session.inputs) == 1
@@ -153,7 +153,7 @@ def test_segment_that_fits_the_box_is_selected_not_the_wall_behind_it(tiny: Tiny
     labels[5:15, 150:190] = 0
     vase = (0.35, 0.5, 0.3, 0.6)
     session = _Scripted([vase, (0.352, 0.49, 0.29, 0.6), (0.85, 0.1, 0.2, 0.1), (0.5, 0.5, 1, 1)], [0.7, 0.8, 0.6, 0.1])
-    detector = GroundingDino.from_session("free", session, tiny.tokenizer_file, GroundingSettings(max_overlap=1.0))
+    detector = GroundingDino("free", session, tiny.tokenizer_file, GroundingSettings(max_overlap=1.0))
     (found,) = detector.detect(_photo(100, 200), "vase", labels=labels)  # no segment fits the third box
     assert (found.region, found.box) == (2, (40.0, 20.0, 100.0, 80.0)) and found.score == pytest.approx(0.8, abs=1e-6)
     half = labels[::2, ::2].copy()  # a label map may be smaller than the photo
@@ -164,7 +164,7 @@ def test_segment_that_fits_the_box_is_selected_not_the_wall_behind_it(tiny: Tiny
 def test_crop_score_only_counts_boxes_that_overlap_the_object(tiny: Tiny) -> None:
     # The crop is 1.4 boxes wide, so the object covers the middle 1 / 1.4. The box with the higher score must not count.
     session = _Scripted([(0.5, 0.5, 0.7, 0.7), (0.1, 0.1, 0.2, 0.2)], [0.4, 0.9])
-    detector = GroundingDino.from_session("free", session, tiny.tokenizer_file)
+    detector = GroundingDino("free", session, tiny.tokenizer_file)
     pixels = _photo(200, 300)
     assert detector.score_crops(pixels, [[100, 60, 160, 120]], "vase") == pytest.approx([0.4], abs=1e-6)
     assert detector.score_crops(pixels, np.zeros((0, 4)), "vase") == []
@@ -173,7 +173,7 @@ def test_crop_score_only_counts_boxes_that_overlap_the_object(tiny: Tiny) -> Non
     assert detector.score_crops(pixels, [[0, 0, 300, 200]], "vase", masks=[mask]) == pytest.approx([0.4], abs=1e-6)
     assert len(session.inputs) == 1  # the same crop three times
     session = _Scripted([(0.1, 0.1, 0.2, 0.2)], [0.9])
-    other = GroundingDino.from_session("free", session, tiny.tokenizer_file)
+    other = GroundingDino("free", session, tiny.tokenizer_file)
     assert other.score_crops(pixels, [[100, 60, 160, 120]], "vase") == [0.0]
     assert other.describe_crops(pixels, [[100, 60, 160, 120]], [mask]) is None
 
@@ -197,7 +197,7 @@ def test_other_models_and_broken_tokenizers_give_readable_errors(tiny: Tiny, tmp
     session = _Scripted([], [])
     session.get_outputs = lambda: [SimpleNamespace(name="logits")]  # type: ignore[method-assign]
     with pytest.raises(ModelFileError, match="not a Grounding DINO export"):
-        GroundingDino.from_session("other", session, tiny.tokenizer_file)
+        GroundingDino("other", session, tiny.tokenizer_file)
     (tmp_path / "tokenizer.json").write_text("{}")
     with pytest.raises(ModelFileError, match="tokenizer file .* cannot be read"):
-        GroundingDino.from_session("other", _Scripted([], []), tmp_path / "tokenizer.json")
+        GroundingDino("other", _Scripted([], []), tmp_path / "tokenizer.json")

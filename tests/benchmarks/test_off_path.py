@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from benchmarks.training.off_path import needles
-from benchmarks.training.unseen import table
-from engine.core.files import write_json
+from benchmarks.training.off_path import needles, off_path_table
 from engine.scene import Gaussians
 
 
@@ -30,9 +26,11 @@ def test_visible_gaussians_longer_than_five_times_their_middle_axis_are_needles(
     assert needles(gaussians(shapes, [0.0, 0.0, 0.0, -9.0])) == pytest.approx(100 / 3)
 
 
-def test_a_run_is_a_row_with_means_over_rooms_and_seeds(tmp_path: Path) -> None:
+def test_a_run_is_a_row_with_means_over_rooms_and_seeds() -> None:
+    results = []
     for room, psnr in (("room_1", 30.0), ("room_3", 32.0)):
-        off_path = {"near": 24.0, "far": 27.0, "above": 25.0}
-        result = {"room": room, "run": "standard", "seed": 0, "psnr": psnr, "needles": 20.0, "off_path": off_path}
-        write_json(tmp_path / f"{room}.json", result)
-    assert table(tmp_path).splitlines()[2] == "| standard | 2 | 1 | 31.00 | 24.00 | 27.00 | 25.00 | 25.33 | 20 |"
+        figures = {"psnr": psnr, "needles": 20.0, "off_path": {"near": 24.0, "far": 27.0, "above": 25.0}}
+        results.append({"set": room, "run": "standard", "seed": 0, "figures": figures})
+    results.append({"set": "banana16-640", "run": "standard", "seed": 0, "figures": {"psnr": 1.0}})
+    rows = off_path_table(results).splitlines()
+    assert rows[2:] == ["| standard | 2 | 1 | 31.00 | 24.00 | 27.00 | 25.00 | 25.33 | 20 |"]

@@ -1,0 +1,132 @@
+"""The cameras of one photo set: seconds of each step, memory, photos placed, and errors of their positions."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import sqlite3
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from engine.cameras import estimate_cameras
+from engine.cameras.settings import CameraSettings
+from engine.core.arrays import Float64
+from engine.core.events import Event, Progress
+from engine.core.system import PeakMemory, cpu_seconds
+
+from ..camera_health.running import distances_when_aligned
+from .sets import SizedSet
+
+__all__ = ["STEPS", "measure_global", "measure_incremental"]
+
+STEPS = ("features", "pairs", "matching", "mapping", "checking")
+_STEP_OF = {
+    "copying the photos": "features",
+    "features in": "features",
+    "selecting pairs": "pairs",
+    "pairs matched": "matching",
+    "photos placed": "mapping",
+    "checking": "checking",
+}
+"""Step by a part of the message while it goes on."""
+
+
+@dataclass
+class _Clock:
+    """Wall and CPU seconds by step; a step lasts until a message of the next one."""
+
+    wall: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STEPS, 0.0))
+    cpu: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STEPS, 0.0))
+    step: str = "features"
+    since: tuple[float, float] = field(default_factory=lambda: (time.perf_counter(), cpu_seconds()))
+
+    def __call__(self, event: Event) -> None:
+        if not isinstance(event, Progress):
+            return
+        now = time.perf_counter(), cpu_seconds()
+        self.wall[self.step] += now[0] - self.since[0]
+        self.cpu[self.step] += now[1] - self.since[1]
+        self.since = now
+        self.step = next((step for part, step in _STEP_OF.items() if part in event.message), self.step)
+
+
+def measure_incremental(photos: SizedSet, folder: Path) -> dict[str, Any]:
+    """Estimate the cameras as a user gets them, and return what it took and how good they are."""
+    clock = _Clock()
+    with PeakMemory.of() as peak:
+        cameras = estimate_cameras(photos.photos, folder, CameraSettings(), emit=clock)
+    clock(Progress("cameras", 1.0, None, ""))
+    found = {camera.photo: camera.center for camera in cameras.cameras}
+    health = "" if cameras.health is None else cameras.health.colour
+    return {
+        **_quality(found, photos),
+        **_pairs(folder / "database.db"),
+        "error_px": cameras.reprojection_error,
+        "health": health,
+        "wall": clock.wall,
+        "cpu": clock.cpu,
+        "peak_bytes": peak.bytes,
+    }
+
+
+def measure_global(photos: SizedSet, folder: Path) -> dict[str, Any]:
+    """Map the matches that `measure_incremental` left in `folder` by COLMAP's global mapper.
+
+    Its focal lengths come from the fundamental matrices (`calibrate_view_graph`): it does not begin without them.
+    """
+    options = pycolmap.GlobalPipelineOptions()
+    options.random_seed = 0
+    options.num_threads = 1
+    calibration = pycolmap.ViewGraphCalibrationOptions()
+    calibration.random_seed = 0
+    out = folder / "global"
+    out.mkdir(exist_ok=True)
+    database = shutil.copyfile(folder / "database.db", out / "database.db")
+    start = time.perf_counter(), cpu_seconds()
+    with PeakMemory.of() as peak:
+        pycolmap.calibrate_view_graph(database, calibration)
+        models = pycolmap.global_mapping(database, folder / "images", out, options)
+    seconds = time.perf_counter() - start[0], cpu_seconds() - start[1]
+    names = [photo.name for photo in photos.photos.photos]
+    model = max(models.values(), key=lambda one: one.num_reg_images(), default=None)
+    found = {}
+    error = float("nan")
+    if model is not None:
+        error = model.compute_mean_reprojection_error()
+        images = [model.image(image_id) for image_id in model.reg_image_ids()]
+        found = {names[int(Path(image.name).stem)]: image.projection_center() for image in images}
+    wall = {**dict.fromkeys(STEPS, 0.0), "mapping": seconds[0]}
+    cpu = {**dict.fromkeys(STEPS, 0.0), "mapping": seconds[1]}
+    return {**_quality(found, photos), "error_px": error, "wall": wall, "cpu": cpu, "peak_bytes": peak.bytes}
+
+
+@dataclass(frozen=True)
+class _Quality:
+    n_photos: int
+    n_placed: int
+    median_error: float | None
+    largest_error: float | None
+
+
+def _quality(found: dict[str, Float64], photos: SizedSet) -> dict[str, Any]:
+    """Return the photos placed, and the errors of their positions in shares of the diagonal of the true ones."""
+    count = len(photos.photos.photos)
+    known = [name for name in found if name in photos.positions]
+    if len(known) < 3:
+        return asdict(_Quality(count, len(found), None, None))
+    every = np.array(list(photos.positions.values()))
+    extent = float(np.linalg.norm(np.ptp(every, axis=0)))
+    true = np.array([photos.positions[name] for name in known])
+    left = distances_when_aligned(np.array([found[name] for name in known]), true) / extent
+    return asdict(_Quality(count, len(found), float(np.median(left)), float(left.max())))
+
+
+def _pairs(database: Path) -> dict[str, int]:
+    with contextlib.closing(sqlite3.connect(database)) as opened:
+        rows = [rows for (rows,) in opened.execute("SELECT rows FROM two_view_geometries")]
+    return {"n_pairs": len(rows), "n_verified": sum(count > 0 for count in rows)}

@@ -1,0 +1,31 @@
+"""Rotations of Gaussians: quaternions, wxyz, and matrices that map own axes to world axes. NumPy only."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.arrays import Float64
+
+__all__ = ["rotations_from_quats", "unit_quats"]
+
+_Float = TypeVar("_Float", np.float32, np.float64)
+
+
+def unit_quats(quats: NDArray[_Float]) -> NDArray[_Float]:
+    """Return quaternions [N, 4] at unit length, in the precision given; a zero quaternion becomes the identity."""
+    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
+    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0)).astype(quats.dtype)
+
+
+def rotations_from_quats(quats: NDArray[np.floating]) -> Float64:
+    """Return rotation matrices [N, 3, 3], float64, of wxyz quaternions [N, 4]; a zero quaternion gives the identity."""
+    w, x, y, z = unit_quats(quats.astype(np.float64)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
