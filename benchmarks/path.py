@@ -126,7 +126,7 @@ def _digests(project: ProjectFolder) -> dict[str, str]:
 def table(run: Mapping[str, Any]) -> str:
     """Return the table of a run with what is said above and below it."""
     whole, parts = run["whole"], _with_rest(run)
-    lines = [_said_of(run), "", "| stage | part | wall s | share | CPU s | share |", "| --- | --- | " + "---: | " * 4]
+    lines = [_said_of(run), "", "| stage | part | wall s | share | CPU s | share |", "| --- | --- |" + " ---: |" * 4]
     rest = [0.0, 0.0]
     for stage in (_BEFORE_STAGES, *STAGES, ""):
         own = {path: both for path, both in parts.items() if path.partition("/")[0] == stage or (not stage and path in
@@ -182,7 +182,7 @@ def _row(stage: str, name: str, both: Sequence[float], whole: Sequence[float]) -
 
 
 def _kinds(parts: Mapping[str, Sequence[float]], whole: Sequence[float]) -> str:
-    rows = ["| in all stages | wall s | share | CPU s | share |", "| --- | " + "---: | " * 4]
+    rows = ["| in all stages | wall s | share | CPU s | share |", "| --- |" + " ---: |" * 4]
     for kind, names in _KINDS.items():
         both = _sum([one for path, one in parts.items() if path.rpartition("/")[2] in names])
         rows.append(_row(kind, "", both, whole).replace("|  | ", "| "))
@@ -191,7 +191,7 @@ def _kinds(parts: Mapping[str, Sequence[float]], whole: Sequence[float]) -> str:
 
 def _forecasts(run: Mapping[str, Any]) -> str:
     """Return the forecasts, made with no earlier run to correct them, beside what was measured."""
-    rows = ["| forecast | CPU s | measured | ratio | wall s | measured | ratio |", "| --- | " + "---: | " * 6]
+    rows = ["| forecast | CPU s | measured | ratio | wall s | measured | ratio |", "| --- |" + " ---: |" * 6]
     sums = [0.0] * 4
     for stage, cost in run["stages"].items():
         expected = run["forecast"][stage]

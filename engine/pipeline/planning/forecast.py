@@ -15,6 +15,7 @@ from typing import Any
 from ...cameras import comparison_work, detecting_cores, detection_bytes
 from ...cameras.settings import CameraSettings
 from ...core.system import Machine
+from ...objects.settings import SegmentSettings
 from ...training.settings import TrainingSettings
 from .calibration import Calibration, outcome_name
 from .card_forecast import card_slowdown, card_step_seconds
@@ -35,8 +36,8 @@ __all__ = [
 _SPREAD_80 = 1.2816
 """Standard deviations on either side of the mean that contain 80 % of a normal distribution."""
 
-_PHOTO_SECONDS = 0.006  # chosen on museum_room, sakharov_statue32
-"""Reading photos: CPU seconds per photo, for inspecting its reduced version."""
+_PHOTO_SECONDS = 0.03  # chosen on museum_room
+"""Reading photos: CPU seconds per photo, for opening it and inspecting its reduced version."""
 _PHOTO_MEGAPIXEL_SECONDS = 0.045  # chosen on museum_room, sakharov_statue32
 """Reading photos: CPU seconds per megapixel."""
 
@@ -46,6 +47,8 @@ _COMPARED_PAIR_SECONDS = 0.001  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per pair of 600 features in the quick comparison that selects promising pairs."""
 _MATCHED_PAIR_SECONDS = 0.065  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per matched pair."""
+_CHECKED_PAIR_SECONDS = 0.012  # chosen on museum_room
+"""Cameras: CPU seconds per matched pair of checking what the photos say against the cameras."""
 _MAPPING_SECONDS = 0.03  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds of mapping n photos, divided by n^1.5."""
 _SHARE_WITHOUT_TEXTURE = 0.5  # chosen on museum_room, sakharov_statue32, skull66, banana16
@@ -55,12 +58,18 @@ _GIVEN_CAMERAS_SECONDS = 1.0  # chosen on museum_room, sakharov_statue32
 
 _MASK_SECONDS = 3.0  # chosen on museum_room, sakharov_statue32
 """Masks: CPU seconds per photo."""
-_OBJECT_SECONDS = 18.0  # chosen on museum_room
+_OBJECTS_SECONDS = 1.0  # chosen on museum_room
+"""Objects: CPU seconds of loading models."""
+_OBJECT_SECONDS = 0.5  # chosen on museum_room
 """Objects: CPU seconds per prompt."""
-_VOCABULARY_SECONDS = 8.0  # chosen on museum_room
-"""Objects: CPU seconds of reading the vocabulary for the first time."""
-_REPORT_SECONDS = 4.0  # chosen on museum_room, sakharov_statue32
+_OBJECTS_PHOTO_SECONDS = 0.98  # chosen on museum_room
+"""Objects: CPU seconds per photo whose segments are in the graph of the scene and are proposals."""
+_OBJECTS_PHOTO_GAUSSIAN_SECONDS = 18e-6  # chosen on museum_room
+"""Objects: CPU seconds per such photo and Gaussian."""
+_REPORT_SECONDS = 2.0  # chosen on museum_room
 """Report: CPU seconds."""
+_REPORT_OBJECT_SECONDS = 0.6  # chosen on museum_room
+"""Report: CPU seconds per object."""
 
 _STEP_SECONDS = 0.002  # chosen on museum_room, sakharov_statue32
 """Training: CPU seconds per step."""
@@ -290,13 +299,13 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
 
     Notes
     -----
-    - photos: 0.006 s per photo and 0.045 s per megapixel
-    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 65 ms per matched pair + 0.03 s
+    - photos: 0.03 s per photo and 0.045 s per megapixel
+    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 77 ms per matched pair + 0.03 s
       n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
     - masks: 3 s per photo
     - training: `training_seconds`
-    - objects: 8 s and 18 s per prompt
-    - report: 4 s
+    - objects: 1 s, 0.5 s per prompt, and 0.98 s + 18 us N per photo with segments that the graph reads
+    - report: 2 s and 0.6 s per object
     """
     n, megapixels = work.n_photos, work.photo_width * work.photo_height / 1e6
     if stage == "photos":
@@ -308,7 +317,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
         seconds = (
             n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
             + n_compared * _COMPARED_PAIR_SECONDS
-            + work.n_pairs * _MATCHED_PAIR_SECONDS
+            + work.n_pairs * (_MATCHED_PAIR_SECONDS + _CHECKED_PAIR_SECONDS)
             + (0.0 if work.poses_given else _MAPPING_SECONDS * n**1.5)
         )
         return seconds * (_SHARE_WITHOUT_TEXTURE + work.texture)
@@ -317,8 +326,10 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     if stage == "training":
         return training_seconds(work, settings)
     if stage == "objects":
-        return _VOCABULARY_SECONDS + n_prompts * _OBJECT_SECONDS if n_prompts else 0.0
-    return _REPORT_SECONDS
+        each = _OBJECTS_PHOTO_SECONDS + _OBJECTS_PHOTO_GAUSSIAN_SECONDS * settings.growth.max_gaussians
+        n_read = min(work.n_mask_photos, SegmentSettings().n_vote_views)
+        return _OBJECTS_SECONDS + n_prompts * _OBJECT_SECONDS + n_read * each if n_prompts else 0.0
+    return _REPORT_SECONDS + n_prompts * _REPORT_OBJECT_SECONDS
 
 
 def _copy_pixels(work: WorkPlan) -> float:
