@@ -1,4 +1,4 @@
-"""Which proposals answer a word, by their scores for it, and which are offered where it is refused."""
+"""Which proposals answer a word, by their scores for it, which are offered where it is refused, and their versions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .lifting import is_same
 from .looks import Looks
 from .settings import SegmentSettings
 
-__all__ = ["N_OFFERED", "answers_of", "offers_of"]
+__all__ = ["N_OFFERED", "answers_of", "offers_of", "whole_versions"]
 
 N_OFFERED = 8
 """Objects that a refused text is answered with, as pictures."""
@@ -22,6 +22,12 @@ _NEAR_ODDS = 2.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, ro
 
 _STORED_ODDS = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Log-odds that what is stored already loses: it has a name, so that another word is rarely meant for it."""
+
+_SIMILAR_IOU = 0.6  # chosen on museum_room, room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""IoU above which a larger proposal may be an object with a part that the smaller one lacks."""
+
+_ABOUT_AS_LIKELY = 0.5  # chosen on museum_room, room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Log-odds by which the larger one may be less likely: the foot of a goblet is seen by fewer photos than its cup."""
 
 _LEAST_SCORE = 1e-9
 """Scores are clipped to this and to one minus this: finite log-odds."""
@@ -51,6 +57,32 @@ def answers_of(looks: Looks, scores: Float64, settings: SegmentSettings) -> list
         near = np.flatnonzero(scores >= settings.relative_score * scores[number])
         versions = [k for k in near if [one for one in wanted if is_same(members[k], members[one])] == [number]]
         found.append((int(max(versions, key=lambda k: float(looks.odds[k]))), float(scores[number])))
+    whole = whole_versions(looks, [number for number, _ in found])
+    return [(number, score) for number, (_, score) in zip(whole, found, strict=True)]
+
+
+def whole_versions(looks: Looks, numbers: Sequence[int]) -> list[int]:
+    """Return for each of several objects its largest version that is about as likely an object.
+
+    Parameters
+    ----------
+    looks : Looks
+    numbers : sequence of int
+        Proposals that show different objects.
+
+    Returns
+    -------
+    list of int
+        Proposals of the same objects. None shows another one of `numbers` as well.
+    """
+    members, seen = looks.members, np.isin(looks.like, looks.proposal)
+    found = []
+    for number in numbers:
+        common, either = ((one(members, members[number])).sum(axis=1) for one in (np.logical_and, np.logical_or))
+        near = (common > _SIMILAR_IOU * either) & (looks.odds >= looks.odds[number] - _ABOUT_AS_LIKELY) & seen
+        others = [members[other] for other in numbers if other != number]
+        versions = [k for k in np.flatnonzero(near) if not any(is_same(members[k], other) for other in others)]
+        found.append(int(max([number, *versions], key=lambda k: int(members[k].sum()))))
     return found
 
 

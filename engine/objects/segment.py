@@ -13,7 +13,7 @@ from ..core.errors import PromptError
 from ..core.parts import part
 from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
-from .choosing import answers_of, offers_of
+from .choosing import answers_of, offers_of, whole_versions
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, unknown_word
 from .graph import bounded
@@ -189,8 +189,8 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """Return the objects of a scene without its background, in descending order of score; no two overlap.
 
     Of the proposals (`engine.objects.looks`), those are chosen that do not overlap and have the largest sum of
-    probabilities of being an object, each less the least one. Names are suggested by the detector; without one the
-    score is 0.
+    probabilities of being an object, each less the least one; of each, its largest version that is about as likely.
+    Names are suggested by the detector; without one the score is 0.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """
     looks = load_or_build_looks(context.part(0, 2))
     context = context.part(1, 2)
-    chosen = choose_sets(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
+    chosen = whole_versions(looks, choose_sets(looks.members, expit(looks.odds) - LEAST_PROBABILITY))
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
     # Where two reach into each other, the likelier object keeps its Gaussians.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from engine.objects.choosing import N_OFFERED, offers_of
+from engine.objects.choosing import N_OFFERED, offers_of, whole_versions
 from engine.objects.looks import Looks
 
 
@@ -47,3 +47,17 @@ def test_stored_object_is_offered_once_though_parts_of_it_have_nothing_in_common
     looks = looks_of(np.array([upper, lower, other], bool), [0, 0, 0], [0, 1, 2])
     assert offers_of(looks, np.array([0.3, 0.2, 0.1])) == [0, 1, 2]
     assert offers_of(looks, np.array([0.3, 0.2, 0.1]), [np.array([1, 1, 1, 1, 0], bool)]) == [2, 0]
+
+
+def test_goblet_comes_with_its_foot_if_that_is_about_as_likely_an_object() -> None:
+    cup, goblet, with_pedestal, other = [1] * 7 + [0] * 7, [1] * 10 + [0] * 4, [1] * 13 + [0], [0] * 13 + [1]
+    members = np.array([cup, goblet, with_pedestal, other], bool)
+    assert whole_versions(looks_of(members, [2, 1.6, 1.9, 1], [0, 1, 2, 3]), [0, 3]) == [1, 3]
+    assert whole_versions(looks_of(members, [2, 1.4, 1.9, 1], [0, 1, 2, 3]), [0, 3]) == [0, 3], "clearly less likely"
+    assert whole_versions(looks_of(members, [2, 1.6, 1.9, 1], [0, 2, 3]), [0, 3]) == [0, 3], "no photo shows it"
+
+
+def test_larger_version_does_not_take_in_another_object_that_was_found() -> None:
+    vase, both, bowl = [1] * 7 + [0] * 3, [1] * 10, [0] * 7 + [1] * 3
+    looks = looks_of(np.array([vase, both, bowl], bool), [2, 2, 2], [0, 1, 2])
+    assert whole_versions(looks, [0, 2]) == [0, 2] and whole_versions(looks, [0]) == [1]
