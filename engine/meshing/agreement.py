@@ -192,18 +192,18 @@ def _compare(  # type: ignore[no-untyped-def]
             count = 0
             total[:] = 0
             while count < max_photos:
-                view = weights.argmax()
-                if weights[view] == 0:
+                chosen = weights.argmax()
+                if weights[chosen] == 0:
                     break
-                weights[view] = 0
-                width, height = int(lenses[view, 4]), int(lenses[view, 5])
+                weights[chosen] = 0
+                width, height = int(lenses[chosen, 4]), int(lenses[chosen, 5])
                 mean = np.float32(0)
                 for a in range(_SIDE):
                     for b in range(_SIDE):
                         for k in range(3):
                             point[k] = p[k] + (a - _REACH) * right[k] + (b - _REACH) * up[k]
-                        _, u, v = _pixel_of(viewmats[view], lenses[view], point)
-                        value = _between(pixels, starts[view], width, height, u - 0.5, v - 0.5)
+                        _, u, v = _pixel_of(viewmats[chosen], lenses[chosen], point)
+                        value = _between(pixels, starts[chosen], width, height, u - 0.5, v - 0.5)
                         patches[count, a * _SIDE + b] = value
                         mean += value
                 mean /= _SIDE * _SIDE
