@@ -61,6 +61,7 @@ READING = {
 MODULES_THAT_READ = {"json", "np", "torch", "Image", "tarfile", "pickle"}
 """``load``, ``loads`` and ``open`` of these read, too."""
 NOT_REACHED = {
+    "engine/cameras/matching.py:_read_count": "what its own child processes state while it waits for them",
     "engine/core/child_process.py": "what the parent process and the system state",
     "engine/serve/page_files.py": "the built page",
     "engine/workers/jobs/click_preview.py": "what the add-on and the engine tell each other while they run",
