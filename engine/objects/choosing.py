@@ -78,11 +78,11 @@ def whole_versions(looks: Looks, numbers: Sequence[int]) -> list[int]:
     members, seen = looks.members, np.isin(looks.like, looks.proposal)
     found = []
     for number in numbers:
-        common, either = ((one(members, members[number])).sum(axis=1) for one in (np.logical_and, np.logical_or))
+        common, either = (one(members, members[number]).sum(axis=1) for one in (np.logical_and, np.logical_or))
         near = (common > _SIMILAR_IOU * either) & (looks.odds >= looks.odds[number] - _ABOUT_AS_LIKELY) & seen
         others = [members[other] for other in numbers if other != number]
-        versions = [k for k in np.flatnonzero(near) if not any(is_same(members[k], other) for other in others)]
-        found.append(int(max([number, *versions], key=lambda k: int(members[k].sum()))))
+        larger = [int(k) for k in np.flatnonzero(near) if not any(is_same(members[k], other) for other in others)]
+        found.append(max([number, *larger], key=lambda k: int(members[k].sum())))
     return found
 
 
