@@ -34,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zip", action="store_true", help="write zip files instead of folders")
     parser.add_argument("--with-photos", action="store_true", help="put the photos into the packages too")
     parser.add_argument(
+        "--with-mesh", action="store_true", help="put a textured mesh of each object into its package too; takes longer"
+    )
+    parser.add_argument(
         "--address",
         metavar="https://.../",
         help="where the package's folder `data` will be published, for IIIF and LIDO; several objects: the folder "
@@ -55,6 +58,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         raise SettingsError(
             f"--address {address!r} is no address of a folder. Write for example https://example.org/a/."
         )
+    if options.scene and options.with_mesh:
+        raise SettingsError("A mesh is made of one object. Leave out --with-mesh, or --scene.")
     out: Path = options.out
     if out.exists() and not out.is_dir():
         raise SettingsError(f"{out} is a file. Choose a folder for the packages.")
@@ -82,6 +87,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
                 overwrite=options.overwrite,
                 as_zip=options.zip,
                 with_photos=options.with_photos,
+                with_mesh=options.with_mesh,
                 backend=device.backend,
                 should_stop=should_stop,
             )

@@ -25,7 +25,8 @@ from ...core.files import (
     write_zip,
 )
 from ...core.system import replace_file
-from ...formats import FORMATS
+from ...formats import FORMATS, format_of
+from ...meshing.settings import MeshSettings
 from ...pictures import Backend
 from ...project.content import report_file
 from ...project.folder import ProjectFolder
@@ -34,7 +35,7 @@ from ..records import EXAMPLE_ADDRESS, Picture, crm_json_ld, dublin_core_xml, ii
 from .bag import PAYLOAD, write_bag
 from .captures import add_exif, photo_file
 from .crate import media_type, write_crate
-from .exporting import Export, divided, load_export, turn_of, write_export
+from .exporting import Export, divided, load_export, mesh_of, turn_of, write_export, write_mesh_export
 from .page import is_viewer_built
 from .turntable import SHEET, Turn, write_films, write_sheet
 
@@ -48,6 +49,8 @@ _IIIF = "iiif/manifest.json"
 _IIIF_EVERY = 2
 """Every so many pictures of a turn are stored as files, which a IIIF viewer turns."""
 _QUALITY = 90
+_MESH = "glb-mesh"
+_MESH_NOTE = "a mesh of it with a texture from the photos, for programs that know no Gaussians (glTF, Y up)"
 _NOTES = {
     "ro-crate-metadata.json": "this package described for programs (RO-Crate)",
     f"{_RECORDS}/paradata.json": "everything that is known of how it was made",
@@ -60,6 +63,11 @@ _NOTES = {
     f"{_PICTURES}/turntable.mp4": "the same film, for other programs (MP4, MPEG-4)",
     "report.html": "the report of the reconstruction, for a browser",
 }
+
+
+def _mesh_name(stem: str) -> str:
+    """Return the name of the file with the mesh; that of the Gaussians has the same suffix."""
+    return f"{stem}_mesh{format_of(_MESH).suffixes[0]}"
 
 
 def package_name(export: Export) -> str:
@@ -78,6 +86,7 @@ def write_package(
     overwrite: bool = False,
     as_zip: bool = False,
     with_photos: bool = False,
+    with_mesh: bool = False,
     backend: Backend = "cpu",
     should_stop: StopCheck = never_stop,
 ) -> Path:
@@ -98,6 +107,8 @@ def write_package(
     as_zip : bool
     with_photos : bool
         Whether the photos that were used are in the package.
+    with_mesh : bool
+        Whether a textured mesh of the object is in the package. The scene has none.
     backend : {"cpu", "gpu", "reference"}
         Rasterizer of the pictures.
     should_stop : callable
@@ -122,6 +133,9 @@ def write_package(
     with _new_folder(out) as made:
         data = made / PAYLOAD
         data.mkdir()
+        if with_mesh:
+            made_mesh = mesh_of(project, export, MeshSettings(), backend=backend, should_stop=should_stop)
+            write_mesh_export(data / _mesh_name(stem), export, made_mesh, _MESH, frame="upright")
         _fill(data, stem, project, export, address, with_photos=with_photos, backend=backend, should_stop=should_stop)
         item = export.described.get("object") or {}
         info = {"External-Description": f"{export.described['title']}: 3D Gaussian splats with records"}
@@ -173,7 +187,7 @@ def _fill(
     backend: Backend,
     should_stop: StopCheck,
 ) -> None:
-    described, notes = export.described, dict(_NOTES)
+    described, notes = export.described, {**_NOTES, _mesh_name(stem): _MESH_NOTE}
     near, far = divided(export)
     for kind in FORMATS:
         if not kind.package_note or (kind.is_page and not is_viewer_built()):
@@ -231,7 +245,7 @@ def _write_records(data: Path, stem: str, described: dict[str, Any], pictures: l
     folder.mkdir()
     files = [
         (path.relative_to(data).as_posix(), media_type(path))
-        for path in (*sorted(data.glob(f"{stem}.*")), data / _PICTURES / SHEET)
+        for path in (*sorted(data.glob(f"{stem}.*")), data / _mesh_name(stem), data / _PICTURES / SHEET)
         if path.is_file()
     ]
     write_json(folder / "paradata.json", finite_or_null(described))

@@ -81,6 +81,23 @@ def test_watertight_mesh_of_known_scale_says_its_volume(
     assert "seen by no photo" in extras["mesh"]
 
 
+def test_package_holds_the_mesh_that_was_asked_for_and_says_what_it_is(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(capsys, "package", scene, "--object", "ball", "--with-mesh", "--out", tmp_path / "kept").code == 0
+    kept = tmp_path / "kept" / "ball"
+    assert (kept / "data" / "ball_mesh.glb").read_bytes()[:4] == b"glTF"
+    assert "ball_mesh.glb" in (kept / "data" / "README.txt").read_text(encoding="utf-8")
+    assert "data/ball_mesh.glb" in (kept / "manifest-sha256.txt").read_text(encoding="utf-8")
+    assert call(capsys, "verify", kept).code == 0
+
+
+def test_package_of_a_scene_has_no_mesh(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = call(capsys, "package", scene, "--scene", "--with-mesh", "--out", tmp_path / "kept")
+    assert answer.code != 0 and "Leave out --with-mesh" in answer.error
+    assert not (tmp_path / "kept").exists()
+
+
 def test_scene_is_refused_as_a_mesh(scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     answer = call(capsys, "export", scene, "--format", "glb-mesh", "--out", tmp_path / "scene.glb")
     assert "Name one with --object" in answer.error
