@@ -133,7 +133,7 @@ def test_solo_hides_the_others_and_again_shows_them(opened: Any, fake_engine: St
     scene.heritage.show = "OBJECTS"
     assert not found["vase"].visible_get() and found["nail"].visible_get()
     scene.heritage.active = -1
-    with pytest.raises(RuntimeError, match="Select one in the list"):
+    with pytest.raises(RuntimeError, match="Select an isolated object in the list first"):
         bpy.ops.heritage.solo_object()
 
 
