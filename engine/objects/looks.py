@@ -46,7 +46,7 @@ object, say little about what all of the scene resembles."""
 _LIKELY = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
-_FALSE_ACCEPTS = 0.03  # chosen on museum_room, room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_FALSE_ACCEPTS = 0.04  # chosen on museum_room, room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Largest share of the words of a vocabulary that a scene accepts, all of them taken for absent."""
 
 _TAUGHT_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
@@ -186,9 +186,9 @@ class Looks:
     def least_odds(self, detector: Detector) -> float:
         """Return the log-odds above which a proposal is what a word names, so that absent words are refused.
 
-        Of the V words of `Detector.score_vocabulary`, floor(0.03 (V + 1)) - 1 have a proposal with larger odds. An
+        Of the V words of `Detector.score_vocabulary`, floor(0.04 (V + 1)) - 1 have a proposal with larger odds. An
         absent word whose best odds are as likely to be the largest as those of each of these is therefore accepted with
-        a probability of at most 0.03 (split conformal prediction), whatever the detector's scores mean. Words that the
+        a probability of at most 0.04 (split conformal prediction), whatever the detector's scores mean. Words that the
         scene does show only lower it.
         """
         if detector.name not in self._least:

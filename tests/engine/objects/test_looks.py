@@ -203,9 +203,9 @@ def test_absent_words_are_refused_by_the_words_of_a_vocabulary_whatever_the_scor
 ) -> None:
     looks, detector = _random_looks(), Unfitted(scale)
     accepted = [float(looks.described_scores(str(number), detector).max()) >= 0.5 for number in range(10_000, 10_999)]
-    assert sum(accepted) == 29  # of 999 words of the vocabulary: less than 3 %, by construction
+    assert sum(accepted) == 39  # of 999 words of the vocabulary: less than 4 %, by construction
     others = [float(looks.described_scores(str(number), detector).max()) >= 0.5 for number in range(400)]
-    assert np.mean(others) < 0.056  # 3 % of 400 words, and three standard deviations
+    assert np.mean(others) < 0.07  # 4 % of 400 words, and three standard deviations
     scores = looks.described_scores("shown", detector)
     assert scores.argmax() == 0 and scores[0] > 0.5
 
@@ -213,7 +213,7 @@ def test_absent_words_are_refused_by_the_words_of_a_vocabulary_whatever_the_scor
 def test_a_vocabulary_of_few_words_accepts_nothing(blobs: BlobScene) -> None:
     class Few(Unfitted):
         def score_vocabulary(self, described):  # type: ignore[no-untyped-def]
-            return super().score_vocabulary(described)[:, :32]
+            return super().score_vocabulary(described)[:, :23]
 
     assert _random_looks().described_scores("shown", Few(1.0)).max() == 0
 
