@@ -253,7 +253,7 @@ def test_wheel_over_the_picture_scrolls_the_page(scene: Page) -> None:
     canvas.hover()
     scene.mouse.wheel(0, 200)
     expect(scene.get_by_text("Hold Ctrl and turn the wheel to zoom.")).to_be_visible()
-    scene.wait_for_function("window.scrollY > 50")
+    wait_until(lambda: scene.evaluate("window.scrollY") > 50)
     expect(pressed).to_have_count(1)
     scene.keyboard.down("Control")
     scene.mouse.wheel(0, 200)
