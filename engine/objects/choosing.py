@@ -1,14 +1,15 @@
-"""Which proposals answer a word, by their scores for it, which are offered where it is refused, and their versions."""
+"""Which proposals answer a word, by their scores for it, which are offered where it is refused, and whole versions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse import csr_matrix
 from scipy.special import logit
 
 from ..core.arrays import Float64, Mask
-from .lifting import is_same
+from .lifting import MAX_COMMON, is_same
 from .looks import Looks
 from .settings import SegmentSettings
 
@@ -75,14 +76,18 @@ def whole_versions(looks: Looks, numbers: Sequence[int]) -> list[int]:
     list of int
         Proposals of the same objects. None shows another one of `numbers` as well.
     """
-    members, seen = looks.members, np.isin(looks.like, looks.proposal)
+    # As many products as members in common, instead of K x N for each object: scenes have up to a million Gaussians.
+    sets, chosen = csr_matrix(looks.members, dtype=np.float32), np.array(numbers, np.intp)
+    sizes = np.asarray(sets.sum(axis=1)).ravel()
+    common = (sets[chosen] @ sets.T).toarray()
+    seen = np.isin(looks.like, looks.proposal)
+    alike = common > _SIMILAR_IOU * (sizes[chosen, None] + sizes - common)
+    near = alike & (looks.odds >= looks.odds[chosen, None] - _ABOUT_AS_LIKELY) & seen
+    same = common > MAX_COMMON * np.minimum(sizes[chosen, None], sizes)
     found = []
-    for number in numbers:
-        common, either = (one(members, members[number]).sum(axis=1) for one in (np.logical_and, np.logical_or))
-        near = (common > _SIMILAR_IOU * either) & (looks.odds >= looks.odds[number] - _ABOUT_AS_LIKELY) & seen
-        others = [members[other] for other in numbers if other != number]
-        larger = [int(k) for k in np.flatnonzero(near) if not any(is_same(members[k], other) for other in others)]
-        found.append(max([number, *larger], key=lambda k: int(members[k].sum())))
+    for row, number in enumerate(numbers):
+        larger = np.flatnonzero(near[row] & ~np.delete(same, row, axis=0).any(axis=0))
+        found.append(max([number, *map(int, larger)], key=lambda k: float(sizes[k])))
     return found
 
 
