@@ -1,7 +1,7 @@
 """From a few real photos to exported objects, with the operators of the user interface.
 
-The Blender that comes first reconstructs the scene. Another one continues from a copy of it, as after a restart: most of
-the time would be the engine's, which is the same for all.
+The Blender that comes first reconstructs the scene. Another one continues from a copy of it, as after a restart: most
+of the time would be the engine's, which is the same for all.
 """
 
 from __future__ import annotations
