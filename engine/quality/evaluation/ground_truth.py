@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -16,10 +16,9 @@ from ...core.errors import FormatError, HeritageError, MaskError
 from ...core.files import is_inner_name, opened, optional, read_json, read_text
 from ...scene import photos_called
 
-__all__ = ["LAYOUTS", "GroundTruth", "Layout", "read_ground_truth"]
+__all__ = ["GroundTruth", "Layout", "read_ground_truth"]
 
 Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]
-LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 
 _MIN_PIXELS = 100
 """Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""
