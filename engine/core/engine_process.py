@@ -28,7 +28,18 @@ from .system import (
     with_utf8,
 )
 
-__all__ = ["EngineProcess", "engine_command", "engine_environment", "events_in"]
+__all__ = [
+    "ERRORS_FILE",
+    "EVENTS_FILE",
+    "EngineProcess",
+    "STOP_FILE",
+    "engine_command",
+    "engine_environment",
+    "events_in",
+]
+
+EVENTS_FILE, ERRORS_FILE, STOP_FILE = "events.jsonl", "errors.txt", "stop"
+"""Files in the folder of a process: what it writes, to standard output and standard error, and what asks it to stop."""
 
 _MAX_LINE = 1 << 20
 """Bytes of a line that is read. Of longer ones no part is an event."""
@@ -88,7 +99,7 @@ def events_in(stream: IO[bytes]) -> Iterator[Event]:
 
 
 class EngineProcess:
-    """A process of the engine. Create it with `start`, `start_apart` or `found`.
+    """A process of the engine. `start` and `start_apart` start one; otherwise it is one of `start_apart`, found again.
 
     It leads a group of processes: no signal of this process's terminal reaches it, and what it started is killed with
     it. As a context it is `close`d at the end.
@@ -96,17 +107,16 @@ class EngineProcess:
     Attributes
     ----------
     pid : int
+    command : list of str
     started : int or None
         When it started, see `engine.core.system.start_time`.
-    command : list of str
+    folder : Path or None
+        Where its files are, see `STOP_FILE`.
     """
 
-    def __init__(self, pid: int, command: Sequence[str], started: int | None, folder: Path | None = None) -> None:
-        self.pid, self.command, self.started = pid, list(command), started
-        self._folder = folder or Path()
+    def __init__(self, pid: int, command: Sequence[str], started: int | None, folder: Path | None) -> None:
+        self.pid, self.command, self.started, self.folder = pid, list(command), started, folder
         self._process: subprocess.Popen[bytes] | None = None
-        self._stop_file: Path | None = None
-        self._errors_file: Path | None = None
         self._complaints = bytearray()
         self._readers: list[threading.Thread] = []
         self._kill_at: float | None = None
@@ -119,7 +129,7 @@ class EngineProcess:
         environment: Mapping[str, str],
         read: Callable[[IO[bytes]], None],
         *,
-        stop_file: Path | None = None,
+        folder: Path | None = None,
     ) -> EngineProcess:
         """Start a process with pipes. It should end when its standard input does, as that closes with this process.
 
@@ -130,8 +140,8 @@ class EngineProcess:
             Environment variables.
         read : callable
             Called in a thread with the standard output, which it reads to the end.
-        stop_file : Path, optional
-            File by which `stop` asks the process to stop.
+        folder : Path, optional
+            For the file by which `stop` asks it to stop.
 
         Raises
         ------
@@ -139,7 +149,7 @@ class EngineProcess:
             When it cannot be started.
         """
         pipe = subprocess.PIPE
-        run = cls._started(command, environment, None, stop_file, stdin=pipe, stdout=pipe, stderr=pipe)
+        run = cls._started(command, environment, folder, stdin=pipe, stdout=pipe, stderr=pipe)
         process = run._process
         assert process is not None and process.stdout is not None and process.stderr is not None
         for stream, function in ((process.stdout, read), (process.stderr, run._keep_complaints)):
@@ -148,75 +158,35 @@ class EngineProcess:
         return run
 
     @classmethod
-    def start_apart(
-        cls, command: Sequence[str], environment: Mapping[str, str], output: Path, errors: Path, stop_file: Path
-    ) -> EngineProcess:
-        """Start a process that goes on when this one ends.
-
-        Parameters
-        ----------
-        command, environment
-            See `start`.
-        output, errors : Path
-            New files for what it writes. It works in the folder of `output`.
-        stop_file : Path
-            See `start`.
+    def start_apart(cls, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> EngineProcess:
+        """Start a process that goes on when this one ends. It works in `folder` and writes to files there.
 
         Raises
         ------
         DiskError
-            When a file cannot be written, or the process cannot be started.
+            When the files cannot be written, or the process cannot be started.
         """
-        folder = output.parent
         try:
-            with output.open("wb") as out, errors.open("wb") as err:
-                run = cls._started(
-                    command, environment, folder, stop_file, stdin=subprocess.DEVNULL, stdout=out, stderr=err
+            with (folder / EVENTS_FILE).open("wb") as events, (folder / ERRORS_FILE).open("wb") as errors:
+                return cls._started(
+                    command, environment, folder, cwd=folder, stdin=subprocess.DEVNULL, stdout=events, stderr=errors
                 )
         except OSError as error:
             raise DiskError(f"{folder} cannot be written: {error.strerror or error}. Check the disk.") from error
-        run._errors_file = errors
-        return run
-
-    @classmethod
-    def found(
-        cls, pid: int, command: Sequence[str], started: int | None, folder: Path, errors: Path, stop_file: Path
-    ) -> EngineProcess:
-        """Return a process of `start_apart` of which only these facts are known; it may have ended.
-
-        Parameters
-        ----------
-        pid, command, started
-            See the class.
-        folder : Path
-            Where it works.
-        errors, stop_file : Path
-            See `start_apart`.
-        """
-        run = cls(pid, command, started, folder)
-        run._errors_file, run._stop_file = errors, stop_file
-        return run
 
     @classmethod
     def _started(
-        cls,
-        command: Sequence[str],
-        environment: Mapping[str, str],
-        folder: Path | None,
-        stop_file: Path | None,
-        **streams: Any,
+        cls, command: Sequence[str], environment: Mapping[str, str], folder: Path | None, **options: Any
     ) -> EngineProcess:
-        asked_by = {} if stop_file is None else {STOP_VARIABLE: str(stop_file.absolute())}
+        asked_by = {} if folder is None else {STOP_VARIABLE: str(folder.absolute() / STOP_FILE)}
         try:
-            process = subprocess.Popen(
-                list(command), env={**environment, **asked_by}, cwd=folder, **streams, **own_group()
-            )
+            process = subprocess.Popen(list(command), env={**environment, **asked_by}, **options, **own_group())
         except (OSError, ValueError) as error:  # ValueError: a null character in an argument
             reason = (isinstance(error, OSError) and error.strerror) or error
             where = "" if folder is None else f" in {folder}"
             raise DiskError(f"{command[0]} could not be started{where}: {reason}. Check its path.") from error
         run = cls(process.pid, command, start_time(process.pid), folder)
-        run._process, run._stop_file = process, stop_file
+        run._process = process
         return run
 
     def __enter__(self) -> EngineProcess:
@@ -227,7 +197,7 @@ class EngineProcess:
 
     @property
     def is_found_again(self) -> bool:
-        """Whether it was `found`, and so is no child of this process."""
+        """Whether it is no child of this process."""
         return self._process is None
 
     @property
@@ -247,7 +217,7 @@ class EngineProcess:
         """Return whether it runs; None when the system does not report it."""
         if self._process is not None:
             return self._process.poll() is None
-        return process_runs(self.pid, self.command, self._folder, self.started)
+        return process_runs(self.pid, self.command, self.folder or Path(), self.started)
 
     def wait(self, seconds: float | None = None) -> bool:
         """Wait until it has ended, for at most `seconds`, and return whether it has. Not for one that was found."""
@@ -274,15 +244,14 @@ class EngineProcess:
         Raises
         ------
         DiskError
-            When its stop file cannot be written.
+            When its folder cannot be written.
         """
-        assert self._stop_file is not None
+        assert self.folder is not None
         try:
-            request_stop(self._stop_file)
+            request_stop(self.folder / STOP_FILE)
         except OSError as error:
             raise DiskError(
-                f"{self._stop_file.parent} cannot be written: {error.strerror or error}. Check the disk, then cancel "
-                "again."
+                f"{self.folder} cannot be written: {error.strerror or error}. Check the disk, then cancel again."
             ) from error
 
     def kill_after(self, seconds: float) -> None:
@@ -294,7 +263,7 @@ class EngineProcess:
         if self._process is not None:
             kill_group(self._process)
         else:
-            kill_recognised(self.pid, self.command, self._folder, self.started)
+            kill_recognised(self.pid, self.command, self.folder or Path(), self.started)
 
     def close(self, grace_seconds: float = 0.0) -> None:
         """Close its input, give it `grace_seconds` to end, kill it with what it started, and read all that it wrote.
@@ -314,8 +283,8 @@ class EngineProcess:
     def complaints(self) -> str:
         """Return the end of its standard error."""
         data = bytes(self._complaints)
-        if self._errors_file is not None:
-            with contextlib.suppress(FormatError), opened(self._errors_file, advice="") as stream:
+        if self.folder is not None and not self._readers:
+            with contextlib.suppress(FormatError), opened(self.folder / ERRORS_FILE, advice="") as stream:
                 stream.seek(max(0, stream.seek(0, os.SEEK_END) - _MAX_COMPLAINTS))
                 data = stream.read(_MAX_COMPLAINTS)
         return data.decode("utf-8", "replace").strip()

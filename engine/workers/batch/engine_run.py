@@ -70,9 +70,10 @@ class EngineRun:
         self._on_event = on_event
         self._folder = tempfile.TemporaryDirectory(prefix="gaussian-heritage-")
         command = engine_command(*arguments, "--events", module=_MODULE)
-        stop_file = Path(self._folder.name, "stop")
         try:
-            self.process = EngineProcess.start(command, engine_environment(), self._follow, stop_file=stop_file)
+            self.process = EngineProcess.start(
+                command, engine_environment(), self._follow, folder=Path(self._folder.name)
+            )
         except DiskError:
             self._folder.cleanup()
             raise

@@ -16,14 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from ...core import events
-from ...core.engine_process import EngineProcess, events_in
+from ...core.engine_process import ERRORS_FILE, EVENTS_FILE, STOP_FILE, EngineProcess, events_in
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ProjectError
 from ...core.files import atomic_write, delete_derived, opened, optional, path_within, read_json, write_json
 
 __all__ = ["Job", "JobState", "format_seconds"]
 
 _LOG = logging.getLogger(__name__)
-_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP = "job.json", "events.jsonl", "errors.txt", "taken", "stop"
+_JOB, _TAKEN = "job.json", "taken"
 _RECORD = {"kind": str, "subject": str, "pid": int, "command": [str], "started": optional((int, None))}
 _MAX_PID = 1 << 31
 _LOG_INTERVAL = 15.0
@@ -169,13 +169,11 @@ class Job:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             # Opening them would follow a link.
-            for name in (_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP):
+            for name in (_JOB, _TAKEN, EVENTS_FILE, ERRORS_FILE, STOP_FILE):
                 delete_derived(folder, name)
         except OSError as error:
             raise DiskError(f"{folder} cannot be written: {error.strerror or error}. Check the disk.") from error
-        process = EngineProcess.start_apart(
-            command, environment, folder / _EVENTS, folder / _ERRORS, stop_file=folder / _STOP
-        )
+        process = EngineProcess.start_apart(command, environment, folder)
         record = {
             "kind": kind, "subject": subject, "pid": process.pid, "command": process.command,
             "started": process.started,
@@ -205,9 +203,7 @@ class Job:
         # 0 and negative numbers stand for groups of processes, 1 for the first process of the system.
         if not 1 < record["pid"] < _MAX_PID or not record["command"]:
             return None
-        process = EngineProcess.found(
-            record["pid"], record["command"], record.get("started"), folder, folder / _ERRORS, folder / _STOP
-        )
+        process = EngineProcess(record["pid"], record["command"], record.get("started"), folder)
         return cls(folder, record["kind"], record["subject"], process)
 
     def poll(self) -> JobState:
@@ -275,7 +271,7 @@ class Job:
 
     def was_stopped(self) -> bool:
         """Return whether the job ended because it was asked to, also where it had to be killed then."""
-        is_asked = self._state.error_type == Cancelled.__name__ or (self.folder / _STOP).exists()
+        is_asked = self._state.error_type == Cancelled.__name__ or (self.folder / STOP_FILE).exists()
         return self.was_ended() and is_asked
 
     def wait(self, interval: float = 0.05) -> JobState:
@@ -292,7 +288,7 @@ class Job:
     def _read_events(self) -> bool:
         """Read some of the new events, and return whether there are no more."""
         try:
-            with opened(self.folder / _EVENTS, advice="") as stream:
+            with opened(self.folder / EVENTS_FILE, advice="") as stream:
                 stream.seek(self._offset)
                 data = stream.read(_MAX_READ)
         except FormatError:
@@ -317,7 +313,7 @@ class Job:
         shown = f" Its last line was: {last_line}" if last_line else ""
         return (
             f"The engine stopped unexpectedly{code}.{shown} Finished work is kept. Details are in "
-            f"{self.folder / _ERRORS}."
+            f"{self.folder / ERRORS_FILE}."
         )
 
 

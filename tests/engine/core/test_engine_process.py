@@ -51,9 +51,7 @@ def test_lines_that_are_no_events_are_passed_over_however_long_they_are() -> Non
 def test_argument_with_a_null_character_is_refused_with_a_sentence(tmp_path: Path) -> None:
     for start in (
         lambda command: EngineProcess.start(command, os.environ, lambda stream: None),
-        lambda command: EngineProcess.start_apart(
-            command, os.environ, tmp_path / "out", tmp_path / "err", tmp_path / "stop"
-        ),
+        lambda command: EngineProcess.start_apart(command, os.environ, tmp_path),
     ):
         with pytest.raises(DiskError, match="could not be started"):
             start([sys.executable, "-c", "vase\0"])
