@@ -32,7 +32,7 @@ _FEATURE_PICTURE = (640, 480)
 """Width and height in pixels of the pictures in which features are detected."""
 
 
-def calibrate(machine: Machine, *, emit: Emit, file: Path | None = None) -> Calibration:
+def calibrate(machine: Machine, *, emit: Emit) -> Calibration:
     """Return the calibration of this machine. Measure the machine first if there is none.
 
     Parameters
@@ -40,8 +40,6 @@ def calibrate(machine: Machine, *, emit: Emit, file: Path | None = None) -> Cali
     machine : Machine
     emit : Emit
         Receives progress events when the machine is measured.
-    file : Path, optional
-        See `load_calibration`.
     """
     from ...rasterizer import cache_folder
 
@@ -51,7 +49,7 @@ def calibrate(machine: Machine, *, emit: Emit, file: Path | None = None) -> Cali
         emit(Progress("planning", 1.0, 0.0, "this machine's speed is known"))
         return benchmark
 
-    return load_calibration(machine, rasterizer=cache_folder().name, measure=measure, file=file)
+    return load_calibration(machine, rasterizer=cache_folder().name, measure=measure)
 
 
 def measure_speed() -> Benchmark:

@@ -15,10 +15,10 @@ from ...core.arrays import Mask
 from ...core.errors import FormatError, HeritageError, MaskError
 from ...core.files import is_inner_name, opened, optional, read_json, read_text
 from ...scene import photos_called
+from .settings import Layout
 
-__all__ = ["GroundTruth", "Layout", "read_ground_truth"]
+__all__ = ["GroundTruth", "read_ground_truth"]
 
-Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]
 
 _MIN_PIXELS = 100
 """Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""
@@ -50,7 +50,7 @@ class GroundTruth:
     Attributes
     ----------
     layout : str
-        Layout of the folder, one of `LAYOUTS`.
+        Layout of the folder, see `Layout`.
     photos : tuple of str
         Photos with at least one mask, by their names in the project, in order.
     objects : tuple of str
