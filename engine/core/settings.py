@@ -24,7 +24,8 @@ def require(settings: object, field_name: str, condition: bool, bound: str) -> N
 
 def require_choices(settings: object) -> None:
     """Raise `SettingsError` unless each setting whose type is a `Literal` has one of its values."""
-    for name, allowed in _choices_of(type(settings)).items():
+    kind: Any = type(settings)  # mypy takes no type[object] for hashable
+    for name, allowed in _choices_of(kind).items():
         require(settings, name, getattr(settings, name) in allowed, f"one of {', '.join(map(str, allowed))}")
 
 
