@@ -19,7 +19,8 @@ import numpy as np
 from ...cameras.settings import CameraSettings
 from ...core.settings import require
 from ...photos import PhotoStatistics
-from ...rasterizer import PROCESSOR, Device, Wanted
+from ...rasterizer import PROCESSOR, Device
+from ...rasterizer.settings import DeviceName
 from ...scene import CameraSet, Photo, PhotoSet
 from ...training import settings_with_sizes
 from ...training.settings import DEFAULT_PRESET, MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
@@ -78,7 +79,7 @@ class PlanSettings:
     """
 
     preset: str = DEFAULT_PRESET
-    device: Wanted = "auto"
+    device: DeviceName = "auto"
     max_gaussians: int | None = None
     max_side: int | None = None
     wants_objects: bool = True
