@@ -296,8 +296,8 @@ def run_together(
     zeroed : iterable of wgpu.GPUBuffer
         Buffers that are first set to zero.
     """
-    queue = gpu.device.queue
-    encoder, filled = gpu.device.create_command_encoder(), 0.0
+    device, filled = gpu.device, 0.0
+    encoder = device.create_command_encoder()
     for source, to in copies:
         encoder.copy_buffer_to_buffer(source, 0, to, 0, source.size)
     for buffer in zeroed:
@@ -305,11 +305,9 @@ def run_together(
     waiting: list[tuple[Sequence[Dispatch], Any]] = []
 
     def submit() -> None:
-        nonlocal encoder, filled
         if waiting:
             _encode_together(encoder, waiting)
-        queue.submit([encoder.finish()])
-        encoder, filled = gpu.device.create_command_encoder(), 0.0
+        device.queue.submit([encoder.finish()])
         waiting.clear()
 
     for run in runs:
@@ -318,11 +316,13 @@ def run_together(
         for seconds, together in batches:
             if filled and filled + seconds > FILL * LIMIT_S:
                 submit()
+                encoder, filled = device.create_command_encoder(), 0.0
             waiting.append((together, run.sizes))
             filled += seconds
         if not batches:
             submit()
             run.measure()
+            encoder, filled = device.create_command_encoder(), 0.0
     submit()
 
 

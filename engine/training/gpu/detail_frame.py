@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,14 +54,12 @@ def packed_window(crop: DetailCrop, camera: PinholeCamera, view: int) -> Window:
     height, width = crop.shape
     targets = np.zeros((3, _stride(camera.width * camera.height)), np.uint32)
     whole = targets[:, : camera.width * camera.height].reshape(3, camera.height, camera.width)
-    color = np.empty((height, width, 4), np.uint8)
-    color[..., :3] = crop.pixels
-    for place, counted in enumerate((crop.compared, crop.inside)):
-        np.multiply(counted, np.uint8(255), out=color[..., 3])
-        whole[place, :height, :width] = color.view("<u4")[..., 0]
+    parts, colors = whole[:, :height, :width], cv2.split(crop.pixels)
+    for part, counted in zip(parts, (crop.compared, crop.inside), strict=False):
+        part[:] = cv2.merge([*colors, counted.view(np.uint8) * np.uint8(255)]).view("<u4")[..., 0]
     kept = crop.shown & ~crop.inside
-    cover = np.rint(np.clip(crop.alpha, 0, 1) * 65535).astype(np.uint32)
-    whole[2, :height, :width] = cover | crop.known * _KNOWN | kept * _KEPT
+    flags = crop.known.astype(np.uint32) * _KNOWN | kept.astype(np.uint32) * _KEPT
+    np.bitwise_or(np.rint(np.clip(crop.alpha, 0, 1) * 65535).astype(np.uint32), flags, out=parts[2])
     counts = tuple(int(np.count_nonzero(mask)) for mask in (crop.compared, crop.inside, crop.known, kept))
     return Window(camera, targets, counts, view)  # type: ignore[arg-type]
 

@@ -270,8 +270,7 @@ class TrainingFrame(TrainingWorkspace, Frame):
             10: photo.lambda_scale / (3 * s.n),
             11: photo.lambda_ray / (s.width * s.height),
         }
-        for place, factor in factors.items():
-            values[place] = np.float32(factor).view(np.uint32)
+        values[list(factors)] = np.array(list(factors.values()), np.float32).view(np.uint32)
         values[6], values[8] = photo.view, -(-s.n // 256)
         values[12], values[13] = photo.detached, photo.given is not None
         return values
