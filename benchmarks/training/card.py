@@ -38,7 +38,7 @@ import torch
 from engine.core.errors import HeritageError
 from engine.core.events import ignore_events, never_stop
 from engine.core.files import read_json, write_json
-from engine.pipeline.planning.decisions import steps_for, with_steps
+from engine.pipeline.planning.decisions import steps_for
 from engine.scene import CameraSet, read_camera_set
 from engine.training import (
     TrainingView,
@@ -179,7 +179,7 @@ def run_settings(run: str, seed: int, views: Sequence[TrainingView], backend: st
     if first in PRESETS:
         settings = settings_with_sizes(first, sizes_on_card(first, _UNBOUNDED, n_training=n_training), n_training)
         settings = settings.changed(**_values(others))
-        settings = with_steps(settings, steps_for(settings, n_training))
+        settings = settings.with_steps(steps_for(settings, n_training))
     else:
         settings = PRESETS["standard"].for_photos(n_training).changed(steps=int(first), max_gaussians=int(others[0]))
         settings = settings.changed(**_values(others[1:]))
