@@ -145,7 +145,7 @@ class Building:
     def _cast(
         self, room: _Room, center: Float64, directions: Float32
     ) -> tuple[NDArray[np.uint8], Float32, dict[_Room, NDArray[np.intp]]]:
-        """Return the colours [N, 3] and lengths [N] of rays in a room, and the rows of those that go on in a neighbour."""
+        """Return colours [N, 3] and lengths [N] of rays in a room, and the rows of those that go on in a neighbour."""
         inside = self._inside(room)
         # From the corner of the room, so that single precision is enough in a large building.
         center = (center - np.array([*room, 0.0]) * _SIZE).astype(np.float32)

@@ -1,4 +1,4 @@
-"""A walk through four rooms of the building of `benchmarks.scale`, with papered walls and cases: nothing is chosen on it.
+"""A walk through four rooms of the building of `benchmarks.scale`, papered walls and cases: nothing is chosen on it.
 
 Cameras are the true ones. The sparse points are places on surfaces that random pixels show, so that no program that
 finds cameras has a part in what training reaches.

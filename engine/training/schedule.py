@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 from .settings import MAX_GROW_FACTOR, TrainingSettings
-from .validation import validation_photos
 from .spectrum import TYPICAL_SHARES
+from .validation import validation_photos
 
 __all__ = ["ANCHORS", "COOLDOWN_END", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "THIN", "Schedule"]
 
