@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .scene_files import FEATURES_FILE, SCENE_FILE, load_features, load_gaussians, save_gaussians
     from .schedule import Schedule
     from .start import start_gaussians
+    from .validation import MIN_PHOTOS_TO_CHOOSE, validation_photos
     from .views import TrainingView, is_held_out, load_views
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "InitialValues",
     "SCENE_FILE",
     "FEATURES_FILE",
+    "MIN_PHOTOS_TO_CHOOSE",
     "CHECKPOINT_FILE",
     "WELL_SEEN",
     "AdamState",
@@ -69,6 +71,7 @@ __all__ = [
     "tiles",
     "train",
     "train_detail",
+    "validation_photos",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

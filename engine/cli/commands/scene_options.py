@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from ...core.errors import SettingsError
 from ...core.words import split_texts
 from ...rasterizer.settings import DeviceName
-from ...training.settings import LIGHT_SHARE, PRESET_LIST
+from ...training.settings import LIGHT_DESCRIPTION, LIGHT_SHARE, PRESET_LIST
 
 if TYPE_CHECKING:
     from ...project.own_words import OwnWords
@@ -95,8 +95,7 @@ def add_setting_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--light",
         action="store_true",
-        help="end with half of the preset's Gaussians, those that the photos need most, for smaller files and faster "
-        "views; objects can lose parts where there are few Gaussians",
+        help=LIGHT_DESCRIPTION[:1].lower() + LIGHT_DESCRIPTION[1:],
     )
     parser.add_argument(
         "--set",
