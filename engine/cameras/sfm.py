@@ -7,7 +7,7 @@ and matched pairs are kept, and mapping starts again. See docs/design_notes/came
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 
 from ..core.errors import CameraError
@@ -89,7 +89,9 @@ def estimate_cameras(
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    models, own = map_with_lenses(workspace, lambda: _map(workspace, progress, should_stop), should_stop=should_stop)
+    models, own = map_with_lenses(
+        workspace, lambda names: _map(workspace, names, progress, should_stop), should_stop=should_stop
+    )
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
     still = still_background(workspace) if placed < count else None
@@ -132,8 +134,10 @@ class _ProgressReporter:
         self._emit(Progress(_STAGE, fraction, left, message))
 
 
-def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: StopCheck) -> list[pycolmap.Reconstruction]:
-    """Return the models that COLMAP maps, in its order."""
+def _map(
+    workspace: SfmWorkspace, names: Sequence[str], progress: _ProgressReporter, should_stop: StopCheck
+) -> list[pycolmap.Reconstruction]:
+    """Return the models that COLMAP maps of the photos of these names, of all without names, in its order."""
     settings = workspace.settings
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = settings.seed
@@ -149,9 +153,10 @@ def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: Stop
     # Refine all cameras when the model has grown by 30 % (COLMAP: 10 %), and at the end: the same poses in less time.
     options.ba_global_frames_ratio = 1.3
     options.ba_global_points_ratio = 1.3
+    options.image_names = list(names)
     delete_derived(workspace.sparse.parent, workspace.sparse.name)
     workspace.sparse.mkdir(parents=True)
-    count = len(workspace.copies)
+    count = len(names) or len(workspace.copies)
     placed = 0
 
     def on_initial_pair() -> None:
