@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,14 +19,14 @@ from .colmap import pycolmap
 from .colmap_calls import opened_database
 from .feature_scales import SIZES_DIFFER, photos_at_gap, relative_scales, scale_groups, size_gap
 from .features import SfmWorkspace
-from .lens_trials import LensTrial, capped_error, tried_lenses
+from .lens_trials import LensTrial, ModelTrials, capped_error, tried_lenses
 
 __all__ = ["assign_lenses", "group_by_focal", "lenses_differ", "map_with_lenses"]
 
 MapPhotos = Callable[[Sequence[str]], list[pycolmap.Reconstruction]]
 """Maps the photos of these names in the database, all without names, with the lenses in the database."""
-Models = tuple[list[pycolmap.Reconstruction], LensTrial | None]
-"""Models, and the trial of the largest one with a lens for each photo, None where none was made."""
+Models = tuple[list[pycolmap.Reconstruction], ModelTrials | None]
+"""Models, and the trials of the largest one, None where none were made."""
 Group = tuple[pycolmap.Camera, list[int]]
 """A lens and the image ids of the photos that share it."""
 
@@ -49,11 +50,12 @@ _BETTER = 0.95
 """Error of the model with other groups, relative to the first, from which down it is taken."""
 
 
-def map_with_lenses(workspace: SfmWorkspace, map_photos: MapPhotos, *, should_stop: StopCheck) -> Models:
+def map_with_lenses(
+    workspace: SfmWorkspace, map_photos: MapPhotos, *, beside: Executor, should_stop: StopCheck
+) -> Models:
     """Return the models of the photos, mapped with lenses that their photos really share.
 
-    With them comes the trial of the largest model with a lens for each photo, as `tried_lenses` gives it; None where
-    none was made.
+    With them come the trials of the largest model; None where none were made.
 
     Parameters
     ----------
@@ -61,6 +63,8 @@ def map_with_lenses(workspace: SfmWorkspace, map_photos: MapPhotos, *, should_st
         With features and matches. The lenses in its database are replaced.
     map_photos : callable
         Maps photos with the lenses in the database.
+    beside : Executor
+        Of one thread, in which a trial goes on.
     should_stop : StopCheck
 
     Raises
@@ -84,12 +88,12 @@ def map_with_lenses(workspace: SfmWorkspace, map_photos: MapPhotos, *, should_st
     largest = _largest(models)
     if workspace.lenses or largest is None or largest.num_reg_images() < 3:
         return models, None
-    own = tried_lenses(largest, should_stop=should_stop)
+    trials = ModelTrials.begun(largest, beside, should_stop=should_stop)
     several_sizes = size_gap(workspace.database) >= SIZES_DIFFER
     count = len(workspace.copies)
-    doubtful = _is_doubtful(largest, count, lenses_differ(largest, own))
+    doubtful = _is_doubtful(largest, count, lenses_differ(largest, trials.own))
     if not (doubtful or several_sizes):
-        return models, own
+        return models, trials
     search = _Search(workspace, first_lenses, relative_scales(workspace.database), several_sizes, should_stop)
     if not doubtful and count > _SAMPLE:
         sample = photos_at_gap(workspace.database, _SAMPLE)
@@ -98,8 +102,11 @@ def map_with_lenses(workspace: SfmWorkspace, map_photos: MapPhotos, *, should_st
         if largest_few is not None and largest_few.num_reg_images() >= 3:
             trial = tried_lenses(largest_few, should_stop=should_stop)
             if search.best_models(few, trial, len(sample), lambda: map_photos(sample))[0] is few:
-                return models, own
-    return search.best_models(models, own, count, lambda: map_photos(()))
+                return models, trials
+    best, own = search.best_models(models, trials.own, count, lambda: map_photos(()))
+    if best is models:
+        return models, trials
+    return best, None if own is None else ModelTrials(own)
 
 
 @dataclass(frozen=True)
@@ -129,7 +136,7 @@ class _Search:
         own: LensTrial,
         count: int,
         map_again: Callable[[], list[pycolmap.Reconstruction]],
-    ) -> Models:
+    ) -> tuple[list[pycolmap.Reconstruction], LensTrial | None]:
         """Return the best models of `count` photos: those with other lenses, or `models` with their trial `own`.
 
         Parameters

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 from ..core.errors import CameraError
@@ -21,9 +22,9 @@ from .feature_scales import size_gap
 from .features import SfmWorkspace, match_features
 from .health import TURNED, judge, refuted_images
 from .lens_groups import map_with_lenses
-from .lens_trials import LensTrial
+from .lens_trials import ModelTrials
 from .mirrored import mirrored_photos
-from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
+from .reconstruction import camera_in_photo, camera_set, points_of, rounded, viewmat_of
 from .settings import CameraSettings
 from .still_background import still_background
 
@@ -89,20 +90,8 @@ def estimate_cameras(
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    models, own = map_with_lenses(
-        workspace, lambda names: _map(workspace, names, progress, should_stop), should_stop=should_stop
-    )
-    largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
-    placed = largest.num_reg_images() if largest is not None else 0
-    still = still_background(workspace) if placed < count else None
-    if largest is None or placed < settings.min_registered:
-        cause = _cause(workspace, should_stop) if still is None else still.sentence
-        raise CameraError(f"Only {placed} of {count} photos could be placed. {cause}")
-    if still is not None:
-        emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
-    _warn_of_other_models(workspace, models, largest, emit)
-    progress(_MAPPED, "checking the cameras")
-    result = _as_camera_set(workspace, largest, _check(workspace, models, largest, own, should_stop))
+    with ThreadPoolExecutor(1, "lens trial") as beside:
+        result, placed = _mapped_and_checked(workspace, progress, beside, emit, should_stop)
     health = result.health
     if health is not None and health.colour != "green":
         emit(Warned(health.sentence))
@@ -113,6 +102,30 @@ def estimate_cameras(
     placed = len(result.cameras)
     progress(1.0, f"{placed} of {count} photos {'have cameras, which the photos refute' if refuted else 'placed'}")
     return result
+
+
+def _mapped_and_checked(
+    workspace: SfmWorkspace, progress: _ProgressReporter, beside: Executor, emit: Emit, should_stop: StopCheck
+) -> tuple[CameraSet, int]:
+    """Return the cameras of the largest model, and the number of photos that it places."""
+    count, least = len(workspace.copies), workspace.settings.min_registered
+    models, trials = map_with_lenses(
+        workspace,
+        lambda names: _map(workspace, names, progress, should_stop),
+        beside=beside,
+        should_stop=should_stop,
+    )
+    largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+    placed = largest.num_reg_images() if largest is not None else 0
+    still = still_background(workspace) if placed < count else None
+    if largest is None or placed < least:
+        cause = _cause(workspace, should_stop) if still is None else still.sentence
+        raise CameraError(f"Only {placed} of {count} photos could be placed. {cause}")
+    if still is not None:
+        emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
+    _warn_of_other_models(workspace, models, largest, emit)
+    progress(_MAPPED, "checking the cameras")
+    return _as_camera_set(workspace, largest, _check(workspace, models, largest, trials, should_stop)), placed
 
 
 class _ProgressReporter:
@@ -250,7 +263,7 @@ def _check(
     workspace: SfmWorkspace,
     models: list[pycolmap.Reconstruction],
     model: pycolmap.Reconstruction,
-    own: LensTrial | None,
+    trials: ModelTrials | None,
     should_stop: StopCheck,
 ) -> CameraHealth:
     """Return what the photos say against the cameras of `model`."""
@@ -270,7 +283,7 @@ def _check(
         other_models=tuple(tuple(sorted(set(_photo_names(workspace, other)) - kept)) for other in models),
         mirrored=(mirrored := _mirrored(workspace, should_stop)),
         mirrored_placed=tuple(name for name in mirrored if name in kept),
-        **measure_model(model, own, should_stop=should_stop),  # type: ignore[arg-type]
+        **measure_model(model, trials, should_stop=should_stop),  # type: ignore[arg-type]
     )
     refuted = [workspace.copy_of(model.image(image_id).name).photo.name for image_id in refuted_images(pairs)]
     return judge(evidence, refuted=sorted(refuted))
@@ -291,12 +304,14 @@ def _as_camera_set(workspace: SfmWorkspace, model: pycolmap.Reconstruction, heal
             camera_in_photo(photo.name, model.camera(image.camera_id), photo.width, photo.height, viewmat_of(image))
         )
     points, colors = points_of(model)
-    return camera_set(
-        cameras,
-        (photo.name for photo in workspace.photo_set.photos),
-        points,
-        colors,
-        reprojection_error=model.compute_mean_reprojection_error(),
-        poses_given=False,
-        health=health,
+    return rounded(
+        camera_set(
+            cameras,
+            (photo.name for photo in workspace.photo_set.photos),
+            points,
+            colors,
+            reprojection_error=model.compute_mean_reprojection_error(),
+            poses_given=False,
+            health=health,
+        )
     )
