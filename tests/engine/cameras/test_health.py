@@ -230,7 +230,7 @@ def test_other_lenses_are_tried_though_the_trial_of_all_together_fails(monkeypat
             return LensTrial(1.0, float("inf"), {})
         return tried_lenses(model, *arguments, **options)
 
-    monkeypatch.setattr("engine.cameras.evidence.tried_lenses", failing)
+    monkeypatch.setattr("engine.cameras.lens_trials.tried_lenses", failing)
     assert finding(lambda _: lens("PINHOLE", 620.0, 500.0, 320.0, 240.0)).cause == "stretched"
 
 

@@ -17,7 +17,8 @@ from typing import Any
 
 from engine.core import errors
 from engine.core.events import Emit, StopCheck
-from engine.pipeline.planning.forecast import Forecast, StageForecast, forecast_as_dict
+from engine.pipeline.planning.forecast import Forecast, forecast_as_dict
+from engine.pipeline.planning.stage_forecast import StageForecast
 from engine.pipeline.runner import StageRunner
 from engine.pipeline.stages import STAGES
 from engine.project.folder import ProjectFolder, stage_key
