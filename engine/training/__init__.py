@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .detail_crops import DetailCrop, DetailPlan, tiles
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
-    from .losses import Target, photometric_loss, ssim
+    from .losses import Target, photometric_loss
     from .overrides import read_overrides
     from .parameters import Parameters, render
     from .quality import gaussians_so_far, measure_quality
@@ -67,7 +67,6 @@ __all__ = [
     "render",
     "settings_with_sizes",
     "sizes_on_card",
-    "ssim",
     "start_gaussians",
     "tiles",
     "train",

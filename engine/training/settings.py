@@ -12,9 +12,9 @@ from dataclasses import Field, dataclass, fields, is_dataclass, replace
 from typing import Any, Literal
 
 from ..core.errors import SettingsError
-from ..core.settings import require
+from ..core.settings import require, require_choices
 from ..rasterizer.settings import Backend
-from .setting_checks import require_at_least, require_choice, require_factor, require_fraction, require_positive
+from .setting_checks import require_at_least, require_factor, require_fraction, require_positive
 from .validation import MIN_PHOTOS_TO_CHOOSE, validation_photos
 
 __all__ = [
@@ -215,7 +215,7 @@ class GrowthSettings:
         require_at_least(self, 1, "max_gaussians", "grow_interval")
         require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
         require(self, "background_fraction", 0 <= self.background_fraction <= 0.5, "between 0 and 0.5")
-        require_choice(self, "growth_strategy", "mixed", "opacity")
+        require_choices(self)
         require_fraction(self, "grow_from", "grow_until", "full_by")
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         factors = f"between 1 and {MAX_GROW_FACTOR:g}"
@@ -270,9 +270,7 @@ class FeatureSettings:
     def __post_init__(self) -> None:
         require_at_least(self, 1, "clustering_interval", "regularisation_interval")
         require_at_least(self, 0, "clustering_pixels", "lambda_clustering", "lambda_ray")
-        require_choice(self, "feature_init", "unit", "paper")
-        require_choice(self, "feature_gradient", "detached", "joint")
-        require_choice(self, "regularisation", "neighbours", "paper")
+        require_choices(self)
         ray_fits = self.lambda_ray == 0 or self.feature_init == "unit"
         require(self, "lambda_ray", ray_fits, 'zero when `feature_init` is "paper"')
 
@@ -375,7 +373,7 @@ class TrainingSettings:
     backend: Backend = "cpu"
 
     def __post_init__(self) -> None:
-        require_choice(self, "backend", "cpu", "gpu", "reference")
+        require_choices(self)
 
     def changed(self, **values: Any) -> TrainingSettings:
         """Return a copy with some settings changed, each given by its own name alone.

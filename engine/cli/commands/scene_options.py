@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from ...core.errors import SettingsError
 from ...core.words import split_texts
+from ...rasterizer.settings import DeviceName
 from ...training.settings import LIGHT_DESCRIPTION, LIGHT_SHARE, PRESET_LIST
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def add_device_option(parser: argparse.ArgumentParser, what: str = "train", *, d
     """Add ``--device``: what to do `what` on."""
     parser.add_argument(
         "--device",
-        choices=("auto", "cpu", "gpu"),
+        choices=get_args(DeviceName),
         default=default,
         help=f"what to {what} on; auto: the graphics card if there is one that passes its self-test (see `doctor`)",
     )

@@ -19,7 +19,8 @@ import numpy as np
 from ...cameras.settings import CameraSettings
 from ...core.settings import require
 from ...photos import PhotoStatistics
-from ...rasterizer import PROCESSOR, Device, Wanted
+from ...rasterizer import PROCESSOR, Device
+from ...rasterizer.settings import DeviceName
 from ...scene import CameraSet, Photo, PhotoSet
 from ...training import MIN_PHOTOS_TO_CHOOSE, settings_with_sizes, validation_photos
 from ...training.settings import DEFAULT_PRESET, PRESETS, TrainingSettings
@@ -77,7 +78,7 @@ class PlanSettings:
     """
 
     preset: str = DEFAULT_PRESET
-    device: Wanted = "auto"
+    device: DeviceName = "auto"
     max_gaussians: int | None = None
     max_side: int | None = None
     wants_objects: bool = True

@@ -367,6 +367,7 @@ def test_owner_decides_whether_users_have_a_model_fetched(
     assert not said["stored"] and bool(said["refusal"]) is not allowed
     assert answer.status_code == (202 if allowed else 403)
     if allowed:
+        client.wait_for_job(project, "finished")
         return
     assert answer.json()["detail"] == said["refusal"]
     assert (
@@ -379,6 +380,7 @@ def test_owner_decides_whether_users_have_a_model_fetched(
         (tmp_path / "cache" / "models" / file.file).touch()
     assert offer()["stored"] and not offer()["refusal"]
     assert client.http.post(jobs, json=wanted).status_code == 202
+    client.wait_for_job(project, "finished")
 
 
 def test_project_that_learns_gets_the_vocabulary_of_its_user_alone(client: Client, project: str) -> None:
