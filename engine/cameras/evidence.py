@@ -78,7 +78,6 @@ class PairFit:
 
     first: int
     second: int
-    n_matches: int
     share: float
     distance: float = 0.0
 
@@ -274,13 +273,13 @@ def fit_of_pairs(model: pycolmap.Reconstruction, database: Path) -> tuple[PairFi
         found = strongest_pairs((a, b, n) for a, b, n in pairs if a in placed and b in placed)
         keypoints: dict[int, Float64] = {}
         fits = []
-        for a, b, n in found:
+        for a, b, _ in found:
             for image_id in (a, b):
                 if image_id not in keypoints:
                     keypoints[image_id] = np.asarray(opened.read_keypoints(image_id))[:, :2].astype(np.float64)
             matches = opened.read_two_view_geometry(a, b).inlier_matches
             distances = epipolar_distances(model, a, b, keypoints[a][matches[:, 0]], keypoints[b][matches[:, 1]])
-            fits.append(PairFit(a, b, n, float((distances <= _PIXELS).mean()), float(np.median(distances))))
+            fits.append(PairFit(a, b, float((distances <= _PIXELS).mean()), float(np.median(distances))))
     return tuple(fits)
 
 
