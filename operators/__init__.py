@@ -24,7 +24,7 @@ def _import_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def _export_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-    menu.layout.operator("heritage.export_objects", text="Gaussian Objects (.glb/.ply/...)")
+    menu.layout.operator("heritage.export_objects", text="Gaussian Objects and Meshes (.glb/.ply/...)")
     menu.layout.operator("heritage.export_splats", text="Gaussian Splats, One File (.glb/.ply/...)")
 
 

@@ -1,4 +1,4 @@
-"""File > Export > Gaussian Objects, one file per object with its catalogue record; and several splats as one file."""
+"""File > Export: each object as Gaussians or as a mesh in its own file, with its record; several splats as one file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..engine.core.errors import ObjectError
+from ..engine.formats import Format
+from ..engine.meshing.settings import LEVELS, MeshSettings
 from ..gaussian_heritage_addon.blender.drawn_text import draw_text
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
+from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.export import (
     FORMATS,
@@ -25,14 +28,18 @@ from ..gaussian_heritage_addon.project.export import (
     export_splats,
     export_together,
 )
+from ..gaussian_heritage_addon.project.mesh_export import MESH_FORMATS, mesh_exports
 from ..gaussian_heritage_addon.splats.properties import heritage_objects
+from .project_operator import WATERTIGHT
 
 __all__ = ["CLASSES"]
 
 _MAX_NAMES = 12
 """Names of objects that are shown."""
-_ITEMS = [(one.name.upper(), one.label, one.description, "", number) for number, one in enumerate(FORMATS)]
-_ITEMS_WITHOUT_USD = [item for item, one in zip(_ITEMS, FORMATS, strict=True) if not one.needs_openusd]
+_KINDS = {one.name.upper().replace("-", "_"): one for one in (*FORMATS, *MESH_FORMATS)}
+_ITEMS = [(name, one.label, one.description, "", number) for number, (name, one) in enumerate(_KINDS.items())]
+_ITEMS_WITHOUT_USD = [item for item in _ITEMS if not _KINDS[item[0]].needs_openusd]
+_LEVELS = [(str(count), f"{count:,}", "") for count in LEVELS]
 _SUFFIXES = tuple(one.suffixes[0] for one in FORMATS)
 
 
@@ -40,7 +47,7 @@ def _format_items(
     operator: bpy.types.Operator, context: bpy.types.Context | None
 ) -> list[tuple[str, str, str, str, int]]:
     """Return the formats that can be written. Blender needs lists that live as long as it shows them."""
-    return _ITEMS if len(export_formats()) == len(_ITEMS) else _ITEMS_WITHOUT_USD
+    return _ITEMS if len(export_formats()) == len(FORMATS) else _ITEMS_WITHOUT_USD
 
 
 _WITH_RECORD = BoolProperty(
@@ -58,7 +65,7 @@ _WITH_FAR = BoolProperty(
 
 @blender_properties
 class HERITAGE_OT_export_objects(bpy.types.Operator):
-    """Export each object to its own file, with its placement, scale and threshold in this scene"""
+    """Export each object to its own file, as Gaussians or as a mesh, with its placement and scale in this scene"""
 
     bl_idname = "heritage.export_objects"
     bl_label = "Export Gaussian Objects"
@@ -97,6 +104,17 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
             ],
         ),
     ]
+    triangles: Annotated[
+        str,
+        EnumProperty(
+            name="Triangles",
+            description="Largest number of triangles of a mesh: for the web, for looking closely, as fine as photos "
+            "allow",
+            items=_LEVELS,
+            default=str(MeshSettings.triangles),
+        ),
+    ]
+    watertight: Annotated[bool, WATERTIGHT]
     with_record: Annotated[bool, _WITH_RECORD]
     with_far: Annotated[bool, _WITH_FAR]
     overwrite: Annotated[bool, BoolProperty(name="Replace Files", description="Replace existing files")]
@@ -109,8 +127,8 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the options, and which objects they mean."""
-        layout = self.layout
-        for name in ("format", "scope"):
+        layout, is_mesh = self.layout, _KINDS[self.format].write_mesh is not None
+        for name in ("format", *(("triangles", "watertight") if is_mesh else ()), "scope"):
             layout.prop(self, name)
         if self.scope == "ALL":
             layout.prop(self, "with_hidden")
@@ -120,29 +138,47 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
         draw_text(box, _said(pgettext_n("Objects: {}, {}"), objects), icon="EXPORT")
         if left_out:
             draw_text(box, _said(pgettext_n("Left out: {}, {}"), left_out), icon="HIDE_ON")
-        for name in ("origin", "with_record", "with_far", "overwrite"):
+        for name in ("origin", "with_record", *(() if is_mesh else ("with_far",)), "overwrite"):
             layout.prop(self, name)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Write the files."""
+        """Write the files, or start the engine for meshes."""
         objects, left_out = self._chosen(context)
         if left_out and not objects:
             raise ObjectError(
                 f"All {len(left_out)} objects are hidden, so nothing is exported. Open their eyes in the list, or "
                 "choose Hidden Objects."
             )
-        files = export_splats(
-            objects,
-            Path(bpy.path.abspath(self.directory)),
-            self.format.lower(),
-            ExportOptions(self.with_record, self.with_far, self.origin == "OBJECT"),
-            overwrite=self.overwrite,
-        )
-        told = f"Wrote {len(files)} {'file' if len(files) == 1 else 'files'}: {', '.join(file.name for file in files)}."
+        folder, kind = Path(bpy.path.abspath(self.directory)), _KINDS[self.format]
+        options = ExportOptions(self.with_record, self.with_far, self.origin == "OBJECT")
+        if kind.write_mesh is not None:
+            files = self._start_meshes(objects, folder, kind, options)
+            told = "Meshes are made in the background; see the Heritage panel:"
+        else:
+            files = export_splats(objects, folder, kind.name, options, overwrite=self.overwrite)
+            told = f"Wrote {len(files)} {'file' if len(files) == 1 else 'files'}:"
+        told += f" {', '.join(file.name for file in files)}."
         if left_out:
             told += f" Left out: {', '.join(map(_with_reason, left_out))}."
         self.report({"INFO"}, told)
         return {"FINISHED"}
+
+    def _start_meshes(
+        self, objects: Sequence[bpy.types.Object], folder: Path, kind: Format, options: ExportOptions
+    ) -> list[Path]:
+        """Ask the engine for the meshes, one after the other, and return the files that it writes."""
+        exports = mesh_exports(
+            objects,
+            folder,
+            kind,
+            options,
+            triangles=int(self.triangles),
+            watertight=self.watertight,
+            overwrite=self.overwrite,
+        )
+        for project, _, arguments in exports:
+            job_runner.start("export", project, *arguments)
+        return [file for _, file, _ in exports]
 
     def _chosen(self, context: bpy.types.Context) -> tuple[list[bpy.types.Object], list[tuple[bpy.types.Object, str]]]:
         """Return the objects to export, and those that are left out with the reason."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Annotated
 
 import bpy
-from bpy.props import BoolProperty
 
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
+from ..gaussian_heritage_addon.project.mesh_export import require_meshable
 from ..gaussian_heritage_addon.project.object_mesh import mesh_file, require_importer
 from ..gaussian_heritage_addon.splats.properties import project_of
-from .project_operator import ProjectOperator, listed_object, require_stored, start_job
+from .project_operator import WATERTIGHT, ProjectOperator, listed_object, start_job
 
 __all__ = ["CLASSES"]
 
@@ -22,19 +22,12 @@ class HERITAGE_OT_make_mesh(ProjectOperator, bpy.types.Operator):
     bl_idname = "heritage.make_mesh"
     bl_label = "Make Mesh"
 
-    watertight: Annotated[
-        bool,
-        BoolProperty(
-            name="Watertight",
-            description="Close the mesh where no photo saw the object, for printing. What is made up has a material "
-            "of its own",
-        ),
-    ]
+    watertight: Annotated[bool, WATERTIGHT]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine."""
         obj = listed_object(context.scene)
-        require_stored([obj])
+        require_meshable([obj])
         require_importer()
         project, object_id = project_of(context.scene.heritage), obj.heritage.object_id
         file = mesh_file(project, object_id)

@@ -25,6 +25,7 @@ class HERITAGE_MT_objects(bpy.types.Menu):
         layout.separator()
         layout.operator("heritage.click_object", text="Correct by Clicks").refine = True
         layout.operator("heritage.add_detail").every = False
+        layout.operator("heritage.make_mesh").watertight = False
         layout.operator("heritage.solo_object")
         layout.operator("heritage.merge_objects", text="Merge Selected")
         layout.operator("heritage.store_edits")

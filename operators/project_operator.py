@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import bpy
+from bpy.props import BoolProperty
 
 from ..engine.core.errors import ObjectError
 from ..gaussian_heritage_addon.jobs import job_runner
@@ -13,7 +14,12 @@ from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.moved_projects import is_missing
 from ..gaussian_heritage_addon.splats.properties import active_object
 
-__all__ = ["ProjectOperator", "listed_object", "require_stored", "start_job"]
+__all__ = ["WATERTIGHT", "ProjectOperator", "listed_object", "require_stored", "start_job"]
+
+WATERTIGHT = BoolProperty(
+    name="Watertight",
+    description="Close the mesh where no photo saw the object, for printing. What is made up has a material of its own",
+)
 
 
 class ProjectOperator:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import bpy
 
+from ..gaussian_heritage_addon.splats.object_meshes import hide_meshes
 from ..gaussian_heritage_addon.splats.properties import apply_visibility, heritage_objects
+from ..gaussian_heritage_addon.splats.selection import view_layer_of
 from .project_operator import listed_object
 
 __all__ = ["CLASSES"]
 
 
 class HERITAGE_OT_solo_object(bpy.types.Operator):
-    """Hide all objects but the one selected in the list; again: show all but the background"""
+    """Hide all objects but the one selected in the list, with their meshes; again: show all but the background"""
 
     bl_idname = "heritage.solo_object"
     bl_label = "Solo"
@@ -25,6 +27,7 @@ class HERITAGE_OT_solo_object(bpy.types.Operator):
         is_alone = not chosen.heritage.hidden and all(obj.heritage.hidden for obj in objects if obj != chosen)
         for obj in objects:
             obj.heritage.hidden = obj != chosen and (not is_alone or obj.heritage.kind == "background")
+            hide_meshes(obj, view_layer_of(scene), hidden=obj.heritage.hidden)
         scene.heritage.show = "OBJECTS"
         apply_visibility(scene)
         return {"FINISHED"}

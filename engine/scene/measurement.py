@@ -223,9 +223,9 @@ class ExportFrame:
     Attributes
     ----------
     name : str
-        ``"measured"``, ``"upright"`` or ``"original"``, see `export_frame`.
+        ``"measured"``, ``"upright"`` or ``"original"``, see `export_frame`; ``"placed"`` by another program.
     from_world : array of shape [4, 4], float64
-        Similarity from the normalised world to it.
+        Similarity from the normalised world to it; where another program placed it, it may be any affine matrix.
     metres_per_unit : float or None
         Metres in one unit of the file: 1 when the file is in metres, None when the unit is unknown.
     scale_residual : float or None

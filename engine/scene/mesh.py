@@ -78,8 +78,15 @@ class Mesh:
         return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
     def moved(self, matrix: Float64) -> Mesh:
-        """Return the mesh after a similarity transform [4, 4]."""
+        """Return the mesh after an affine transform [4, 4]. Its triangles face outward after a mirroring one, too."""
         linear = matrix[:3, :3]
         vertices = self.vertices.astype(np.float64) @ linear.T + matrix[:3, 3]
-        normals = self.normals.astype(np.float64) @ (linear / np.cbrt(np.linalg.det(linear))).T
-        return replace(self, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32))
+        sign = np.sign(np.linalg.det(linear))
+        normals = sign * self.normals.astype(np.float64) @ np.linalg.inv(linear)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        step = int(sign)
+        return replace(
+            self, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32),
+            faces=np.ascontiguousarray(self.faces[:, ::step]),
+            texture_faces=np.ascontiguousarray(self.texture_faces[:, ::step]),
+        )  # fmt: skip

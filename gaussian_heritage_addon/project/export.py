@@ -48,6 +48,9 @@ __all__ = [
     "export_formats",
     "export_splats",
     "export_together",
+    "file_names",
+    "require_new",
+    "require_some",
 ]
 
 FORMATS: tuple[Format, ...] = tuple(
@@ -184,13 +187,10 @@ def export_splats(
     DiskError
         When a file exists already, or cannot be written.
     """
-    _require_some(objects)
-    files = _file_names(objects, folder, file_format)
-    existing = [file.name for file in files if file.exists()]
-    if existing and not overwrite:
-        raise DiskError(
-            f"{folder} already contains {', '.join(existing)}. Allow replacing files, or choose another folder."
-        )
+    require_some(objects)
+    files = file_names(objects, folder, file_format)
+    if not overwrite:
+        require_new(files, folder)
     options = options or ExportOptions()
     for obj, file in zip(objects, files, strict=True):
         _write(file, _exported(obj, options), [obj], options)
@@ -205,7 +205,7 @@ def export_together(objects: Sequence[bpy.types.Object], file: Path, options: Ex
     SettingsError
         When the extension is that of no format.
     """
-    _require_some(objects)
+    require_some(objects)
     if _format_of(file) is None:
         raise SettingsError(f"{file.name} has no extension of a known format. Use .{', .'.join(export_formats())}.")
     options = replace(options or ExportOptions(), own_origin=False)
@@ -226,7 +226,8 @@ def export_together(objects: Sequence[bpy.types.Object], file: Path, options: Ex
     _write(file, _Exported(whole, {}, there, None), objects, options)
 
 
-def _require_some(objects: Sequence[bpy.types.Object]) -> None:
+def require_some(objects: Sequence[bpy.types.Object]) -> None:
+    """Raise `ObjectError` when there is nothing to export."""
     if not objects:
         raise ObjectError("There is nothing to export. Isolate an object, or select imported splats.")
 
@@ -315,7 +316,16 @@ def _usable_header(stored: StoredFile, gaussians: Gaussians) -> tuple[str, ...]:
     return stored.header if has_rows and rest == 3 * (gaussians.sh.shape[1] - 1) else ()
 
 
-def _file_names(objects: Sequence[bpy.types.Object], folder: Path, file_format: str) -> list[Path]:
+def require_new(files: Sequence[Path], folder: Path) -> None:
+    """Raise `DiskError` when one of `files`, of `folder`, exists already."""
+    existing = [file.name for file in files if file.exists()]
+    if existing:
+        raise DiskError(
+            f"{folder} already contains {', '.join(existing)}. Allow replacing files, or choose another folder."
+        )
+
+
+def file_names(objects: Sequence[bpy.types.Object], folder: Path, suffix: str) -> list[Path]:
     """Return the files of `objects`, named after their records: the catalogue number, if there is one, and the name."""
     names: list[str] = []
     for obj in objects:
@@ -326,7 +336,7 @@ def _file_names(objects: Sequence[bpy.types.Object], folder: Path, file_format: 
         while name.casefold() in (used.casefold() for used in names):
             name, number = f"{first} {number}", number + 1
         names.append(name)
-    return [folder / f"{name}.{file_format}" for name in names]
+    return [folder / f"{name}.{suffix}" for name in names]
 
 
 def _paradata(objects: Sequence[bpy.types.Object], count: int) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from ...engine.objects.settings import DEFAULT_THRESHOLD
 from ...engine.project.content import shown_objects
 from ...engine.project.objects import load_membership
 from ..blender.world_placement import copy_world_matrix
+from ..splats.object_meshes import remove_meshes
 from ..splats.properties import (
     COUNT_KEY,
     active_object,
@@ -183,7 +184,8 @@ def merge_objects(target: bpy.types.Object, others: Sequence[bpy.types.Object], 
 
 
 def delete_object(obj: bpy.types.Object) -> None:
-    """Delete an isolated object from the file. Blender's undo brings it back; the project has it until it is stored."""
+    """Delete an isolated object and its mesh from the file. Undo brings them back; the project has the object still."""
+    remove_meshes(obj)
     collections, mesh = list(obj.users_collection), obj.data
     bpy.data.objects.remove(obj)
     if mesh.users == 0:

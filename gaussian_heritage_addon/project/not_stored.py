@@ -28,6 +28,7 @@ __all__ = [
     "is_unstored",
     "deleted_names",
     "draw_not_stored",
+    "has_other_shape",
     "missing_names",
     "store_arguments",
     "unstored_objects",
@@ -77,6 +78,13 @@ def is_unstored(obj: bpy.types.Object) -> bool:
     stored = seen(obj.heritage)
     # Of a project that is missing, nothing is known.
     return bool(obj.heritage.is_edited or (stored is not None and changes_of(obj, stored.get(obj.heritage.object_id))))
+
+
+def has_other_shape(obj: bpy.types.Object) -> bool:
+    """Return whether the project of an isolated object has other Gaussians of it than are shown, as last looked."""
+    stored = seen(obj.heritage)
+    changes = [] if stored is None else changes_of(obj, stored.get(obj.heritage.object_id))
+    return bool(obj.heritage.is_edited or {"new", "version", "threshold", "level"} & set(changes))
 
 
 def deleted_names(scene: bpy.types.Scene) -> list[str]:

@@ -11,13 +11,12 @@ import mathutils
 from ...engine.core.errors import EnvironmentProblem, ObjectError
 from ...engine.core.files import path_within
 from ..blender.world_placement import world_matrix
+from ..splats.object_meshes import mark_mesh, remove_meshes
 from ..splats.splats import SplatScene
 from .object_names import ID_KEY
 
-__all__ = ["MESH_KEY", "add_mesh", "mesh_file", "require_importer"]
+__all__ = ["add_mesh", "mesh_file", "require_importer"]
 
-MESH_KEY = "heritage_mesh_of"
-"""Custom property of a mesh: the id of its object in the project."""
 _IMPORTER = "io_scene_gltf2"
 
 
@@ -50,8 +49,6 @@ def add_mesh(obj: bpy.types.Object, file: Path) -> bpy.types.Object:
     collection = next(
         (one for one in obj.users_collection if one.get(ID_KEY) == obj.heritage.object_id), obj.users_collection[0]
     )
-    for child in [one for one in obj.children if one.get(MESH_KEY) == obj.heritage.object_id]:
-        bpy.data.objects.remove(child)
     before = set(bpy.data.objects)
     try:
         bpy.ops.import_scene.gltf(filepath=str(file))
@@ -67,8 +64,8 @@ def add_mesh(obj: bpy.types.Object, file: Path) -> bpy.types.Object:
     for one in made:
         bpy.data.objects.remove(one)
     data.transform(mathutils.Matrix(frame.tolist()))
+    remove_meshes(obj)
     mesh = bpy.data.objects.new(f"{obj.name} mesh", data)
     collection.objects.link(mesh)
-    mesh.parent = obj
-    mesh[MESH_KEY] = obj.heritage.object_id
+    mark_mesh(mesh, obj)
     return mesh

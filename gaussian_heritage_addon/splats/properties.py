@@ -16,6 +16,7 @@ from ...engine.core.errors import ObjectError, ProjectError
 from ...engine.project.objects import MuseumRecord, load_level
 from ..blender.lengths import read_length, write_length
 from ..blender.typed_properties import blender_properties
+from .object_meshes import show_meshes
 from .selection import (
     active_object,
     heritage_objects,
@@ -152,6 +153,7 @@ def apply_visibility(scene: bpy.types.Scene) -> None:
     objects = heritage_objects(scene)
     for obj, replaced in zip(objects, _are_replaced(scene, objects), strict=True):
         obj.hide_viewport, obj.hide_render = replaced, replaced or obj.heritage.hidden
+        show_meshes(obj, view_layer_of(scene), replaced=replaced)
         for layer in scene.view_layers:
             if layer.objects.get(obj.name) == obj and obj.hide_get(view_layer=layer) != obj.heritage.hidden:
                 obj.hide_set(obj.heritage.hidden, view_layer=layer)

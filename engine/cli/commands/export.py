@@ -5,17 +5,20 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ...core.arrays import Float64
 from ...core.errors import ProjectError, SettingsError
 from ...core.events import Emit, Finished, Progress, StopCheck, Warned
 from ...formats import FORMATS, Format, format_of
 from ...meshing.settings import LEVELS, MeshSettings
 from ...project.folder import ProjectFolder
+from ...scene import ExportFrame
 
 if TYPE_CHECKING:
     from ...delivery.packages import Export
-    from ...scene import ExportFrame
 
 __all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
 
@@ -77,6 +80,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "were given and nothing was measured, otherwise upright)",
     )
     parser.add_argument(
+        "--placement",
+        metavar="A,B,...",
+        help="in place of --frame: 16 numbers, the rows of a matrix from the frame of cameras/cameras.json to that "
+        "of the file before its format's axes, Z up",
+    )
+    parser.add_argument(
+        "--unit",
+        choices=("metre", "unknown"),
+        default="unknown",
+        help="unit of what --placement places (default: %(default)s)",
+    )
+    parser.add_argument(
         "--triangles",
         type=int,
         choices=LEVELS,
@@ -88,6 +103,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="close a mesh where no photo saw the object, such as its underside; the file marks what was filled in",
     )
+
+
+def _matrix(text: str) -> Float64:
+    """Return the affine matrix [4, 4] that 16 numbers give, row by row."""
+    try:
+        matrix = np.array([float(word) for word in text.split(",")]).reshape(4, 4)
+    except ValueError as error:
+        raise SettingsError(f"--placement {text} is not 16 numbers. Give them with commas between them.") from error
+    if not np.isfinite(matrix).all() or (matrix[3] != (0, 0, 0, 1)).any() or np.linalg.det(matrix) == 0:
+        raise SettingsError(f"--placement {text} places nothing. Give an invertible matrix with the last row 0,0,0,1.")
+    return matrix
+
+
+def _frame(options: argparse.Namespace) -> ExportFrame | str | None:
+    """Return the frame that was asked for."""
+    frame: str | None = options.frame
+    if options.placement is None:
+        if options.unit != "unknown":
+            raise SettingsError("--unit says what --placement places. Leave it out, or give --placement.")
+        return frame
+    if frame is not None:
+        raise SettingsError("--frame and --placement both say where the file is. Give only one.")
+    return ExportFrame("placed", _matrix(options.placement), 1.0 if options.unit == "metre" else None)
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
@@ -130,8 +168,13 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         if len(export.gaussians) == 0:
             raise ProjectError(f"{project.path} has nothing but background. Export it without --without-background.")
     near, far = divided(export) if not kind.is_page and options.far != "keep" else (export, None)
-    shown = "upright" if kind.is_page and options.frame is None else options.frame
-    how = {"frame": shown, "with_record": options.record == "full", "in_scene": options.origin == "scene"}
+    frame = _frame(options)
+    shown = "upright" if kind.is_page and frame is None else frame
+    how: dict[str, Any] = {
+        "frame": shown,
+        "with_record": options.record == "full",
+        "in_scene": options.origin == "scene",
+    }
     placed = write_export(out, near, options.format, **how)
     n_far = 0 if far is None else len(far.gaussians)
     if far is not None and options.far == "second-file":
@@ -174,7 +217,7 @@ def _write_mesh(
         export,
         made,
         kind.name,
-        frame=options.frame,
+        frame=_frame(options),
         with_record=options.record == "full",
         in_scene=options.origin == "scene",
     )

@@ -150,7 +150,7 @@ def write_export(
     export: Export,
     file_format: str,
     *,
-    frame: str | None,
+    frame: ExportFrame | str | None,
     with_record: bool = True,
     in_scene: bool = False,
     backend: Backend = "cpu",
@@ -162,8 +162,9 @@ def write_export(
     path : Path
     export : Export
     file_format : str
-    frame : {"upright", "original", "world"}, optional
+    frame : ExportFrame or {"upright", "original", "world"}, optional
         Frame of the coordinates, see `engine.scene.export_frame`; ``world``: the normalised world, Z up in PLY.
+        That of an `ExportFrame`, which another program chose, is not moved.
     with_record : bool
         Whether the file carries the record, and how many photos saw each Gaussian, where its format has a place for
         them. A page always has the record.
@@ -248,7 +249,7 @@ def write_mesh_export(
     made: MeshResult,
     file_format: str,
     *,
-    frame: str | None,
+    frame: ExportFrame | str | None,
     with_record: bool = True,
     in_scene: bool = False,
 ) -> ExportFrame:
@@ -291,9 +292,9 @@ def mesh_sentence(made: MeshResult, placed: ExportFrame) -> str:
     else:
         text += "; all of it was seen by photos, and the rest is open" if not record["watertight"] else ""
     if record["volume"] is not None:
-        scale = float(np.cbrt(np.linalg.det(placed.from_world[:3, :3])))
         if placed.metres_per_unit is not None:
-            cubic = record["volume"] * (scale * placed.metres_per_unit * 100) ** 3
+            growth = abs(float(np.linalg.det(placed.from_world[:3, :3])))
+            cubic = record["volume"] * growth * (placed.metres_per_unit * 100) ** 3
             text += f"; watertight, {cubic:.4g} cm3"
         else:
             text += "; watertight, of unknown unit"
@@ -302,7 +303,7 @@ def mesh_sentence(made: MeshResult, placed: ExportFrame) -> str:
 
 def _own_origin(export: Export, placed: ExportFrame, *, in_scene: bool) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Return the transform from the normalised world to the file, Z up, and the notes of the export with the origin."""
-    is_moved = placed.name not in ("original", "world")
+    is_moved = placed.name not in ("original", "world", "placed")
     matrix, notes, gaussians = placed.from_world, dict(export.notes), export.gaussians
     if export.members is not None and len(gaussians) and is_moved and not in_scene:
         foot = foot_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
@@ -330,7 +331,9 @@ def _facts(
     )
 
 
-def _placed(export: Export, frame: str | None) -> ExportFrame:
+def _placed(export: Export, frame: ExportFrame | str | None) -> ExportFrame:
+    if isinstance(frame, ExportFrame):
+        return frame
     if frame == "world":
         return ExportFrame("world", np.eye(4), export.measurement.metres_per_unit)
     return export_frame(export.camera_set, export.measurement, frame)

@@ -11,7 +11,7 @@ from .prompt_arguments import (
     text_arguments,
 )
 from .time_left import seconds_left_in_all
-from .waiting import WaitingJob
+from .waiting import WaitingJob, WaitingJobs
 
 __all__ = [
     "Click",
@@ -20,6 +20,7 @@ __all__ = [
     "Job",
     "JobState",
     "WaitingJob",
+    "WaitingJobs",
     "any_word_arguments",
     "click_arguments",
     "click_question",

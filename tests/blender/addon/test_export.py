@@ -63,7 +63,7 @@ def test_an_eye_that_is_closed_in_the_outliner_counts(room: Any, tmp_path: Path)
 
 def test_the_file_browser_says_how_many_objects_are_exported_and_which(room: Any, part: Part) -> None:
     operator, layout = bpy.types.HERITAGE_OT_export_objects, FakeLayout()
-    options = {"scope": "ALL", "with_hidden": False, "with_background": False}
+    options = {"format": "GLB", "scope": "ALL", "with_hidden": False, "with_background": False}
     names = ("format", "scope", "with_hidden", "with_background", "origin", "with_record", "with_far", "overwrite")
     shown = SimpleNamespace(
         layout=layout,

@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from engine.cameras.reconstruction import rounded
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras, other_groups_text
 from engine.cameras.undistortion import project
 from engine.core.errors import CameraError, Cancelled, SettingsError
 from engine.core.events import Event, Progress, Warned
+from engine.core.system import CODE_ROOT
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 from engine.scene.camera import CameraSet
@@ -105,6 +107,54 @@ def test_the_same_photos_give_the_same_cameras_with_any_number_of_threads(
         assert np.array_equal(found[0].points, other.points)
         for a, b in zip(found[0].cameras, other.cameras, strict=True):
             assert np.array_equal(a.viewmat, b.viewmat) and a.params == b.params
+
+
+STORING = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+from engine.cameras.reconstruction import rounded
+from engine.cameras.settings import CameraSettings
+from engine.cameras.sfm import estimate_cameras
+from engine.photos.reading import read_photos
+from engine.scene import write_camera_set
+settings = CameraSettings(max_side=400, max_features=1000, first_octave=0)
+write_camera_set(Path(sys.argv[3]), estimate_cameras(read_photos(Path(sys.argv[1])), Path(sys.argv[2]), settings))
+"""
+
+
+def test_processes_with_one_and_with_four_threads_of_linear_algebra_store_the_same_bytes(
+    room: Scene, tmp_path: Path
+) -> None:
+    stored = []
+    for threads in ("1", "4"):
+        folder, work = tmp_path / f"cameras {threads}", tmp_path / f"work {threads}"
+        folder.mkdir()
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+        subprocess.run(
+            [sys.executable, "-c", STORING, room.photo_set.folder, work, folder],
+            env={**os.environ, **dict.fromkeys(names, threads)}, cwd=CODE_ROOT, check=True,
+        )  # fmt: skip
+        stored.append((folder / "cameras.json").read_bytes() + (folder / "points.npz").read_bytes())
+    assert stored[0] == stored[1]
+
+
+def test_cameras_that_differ_in_their_last_bits_are_stored_as_the_same(found: tuple[CameraSet, list[Event]]) -> None:
+    camera_set, _ = found
+    rng = np.random.default_rng(0)
+
+    def nearly(values: np.ndarray) -> np.ndarray:
+        return values * (1.0 + rng.normal(0.0, 1e-15, values.shape))
+
+    cameras = tuple(
+        replace(camera, viewmat=nearly(camera.viewmat), params=tuple(nearly(np.array(camera.params)).tolist()))
+        for camera in camera_set.cameras
+    )
+    again = rounded(replace(camera_set, cameras=cameras, original_from_world=nearly(camera_set.original_from_world)))
+    assert not any(np.array_equal(a.viewmat, b.viewmat) for a, b in zip(cameras, camera_set.cameras, strict=True))
+    for a, b in zip(again.cameras, camera_set.cameras, strict=True):
+        assert np.array_equal(a.viewmat, b.viewmat) and a.params == b.params
+    assert np.array_equal(again.original_from_world, camera_set.original_from_world)
 
 
 @pytest.mark.parametrize("count", [1, 2])

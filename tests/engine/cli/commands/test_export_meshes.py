@@ -116,3 +116,42 @@ def test_texture_that_exists_is_not_replaced_unasked(
     (tmp_path / "ball.png").write_text("precious")
     assert "ball.png already exists" in export(capsys, scene, "obj", tmp_path / "ball.obj").error
     assert (tmp_path / "ball.png").read_text(encoding="utf-8") == "precious"
+
+
+def test_mesh_stands_where_another_program_places_it_and_faces_outward_when_mirrored(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert export(capsys, scene, "mesh", tmp_path / "world.ply", "--frame", "world", "--watertight").code == 0
+    matrix = np.array([[-2.0, 0, 0, 5], [0, 0, -2e-5, -1], [0, 3, 0, 0], [0, 0, 0, 1]])
+    numbers = "--placement=" + ",".join(map(repr, matrix.ravel().tolist()))
+    answer = export(capsys, scene, "mesh", tmp_path / "placed.ply", numbers, "--unit", "metre", "--watertight")
+    assert answer.code == 0
+    assert "its unit is the metre" in message_of(answer)
+    (expected, expected_volume), (placed, volume) = (
+        _places_and_volume(tmp_path / f"{name}.ply") for name in ("world", "placed")
+    )
+    np.testing.assert_allclose(placed, expected @ matrix[:3, :3].T + matrix[:3, 3], atol=1e-5)
+    assert volume > 0
+    np.testing.assert_allclose(volume, expected_volume * abs(np.linalg.det(matrix[:3, :3])), rtol=1e-3)
+
+
+def _places_and_volume(file: Path) -> tuple[np.ndarray, float]:
+    data = PlyData.read(file)
+    places = np.column_stack([data["vertex"][axis].astype(np.float64) for axis in "xyz"])
+    a, b, c = places[np.stack(data["face"]["vertex_indices"])].transpose(1, 0, 2)
+    return places, float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["--placement=1,2,3"], "is not 16 numbers"),
+        (["--placement=" + "0," * 15 + "1"], "places nothing"),
+        (["--placement=1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1", "--frame", "world"], "Give only one"),
+        (["--unit", "metre"], "--unit says what --placement places"),
+    ],
+)
+def test_placement_that_cannot_be_is_refused_in_a_sentence(
+    words: list[str], what: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert what in export(capsys, scene, "mesh", tmp_path / "ball.ply", *words).error
