@@ -11,6 +11,8 @@ from collections.abc import Collection, Iterable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from ..core.errors import CameraError
 from ..core.events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..core.files import delete_derived
@@ -90,7 +92,8 @@ def estimate_cameras(
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    with ThreadPoolExecutor(1, "lens trial") as beside:
+    # Threads of BLAS wait by spinning: on 16 cores the checks of 300 photos took 606 CPU s, and twice as long.
+    with ThreadPoolExecutor(1, "lens trial") as beside, threadpool_limits(1, "blas"):
         result, placed = _mapped_and_checked(workspace, progress, beside, emit, should_stop)
     health = result.health
     if health is not None and health.colour != "green":
