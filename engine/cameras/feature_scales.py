@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, eye_array
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from .colmap import pycolmap
@@ -186,13 +187,15 @@ def balanced_scales(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, flo
     strength = np.sqrt([count for _, _, count, _ in pairs])
     weights = strength
     values = np.zeros(len(ids))
-    # Photos that no pair connects, and the mean of each part, are held at 0.
     held = _HELD * eye_array(len(ids), format="csr")
+    part = connected_components(abs(differences).T @ abs(differences))[1]
     for _ in range(_SWEEPS):
         weighted = differences.T * weights**2
         values = spsolve(csc_array(weighted @ differences + held), weighted @ ratios)
         # Weights by the residuals make the sum of squares one of absolute values, which wrong pairs change little.
         weights = strength / np.sqrt(np.maximum(np.abs(ratios - differences @ values), _EXACT))
+    # The mean of each part is 0. What holds it in the system leaves an error of rounding.
+    values = values - (np.bincount(part, values) / np.bincount(part))[part]
     return {image_id: float(values[index]) for image_id, index in column.items()}
 
 
