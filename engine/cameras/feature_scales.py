@@ -23,6 +23,7 @@ __all__ = [
     "SIZES_DIFFER",
     "balanced_scales",
     "feature_sizes",
+    "ids_at_gap",
     "largest_gap",
     "photos_at_gap",
     "relative_scales",
@@ -109,12 +110,19 @@ def photos_at_gap(database: Path, count: int) -> list[str]:
         COLMAP's database with verified matches.
     count : int
     """
-    ids, pairs = _size_ratios(database)
+    chosen = ids_at_gap(*_size_ratios(database), count)
+    with opened_database(database) as opened:
+        names = {image.image_id: image.name for image in opened.read_all_images()}
+    return sorted(names[image_id] for image_id in chosen)
+
+
+def ids_at_gap(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]], count: int) -> set[int]:
+    """Return the ids of `photos_at_gap`, from pairs (first, second, matches, ratio) as `balanced_scales` takes them."""
     scales = balanced_scales(ids, pairs)
     connected = sorted(_most_connected(ids, pairs), key=lambda image_id: (scales[image_id], image_id))
     steps = np.diff([scales[image_id] for image_id in connected])
     small = set(connected[: _MIN_GROUP + int(steps[_MIN_GROUP - 1 : len(steps) - _MIN_GROUP + 1].argmax())])
-    links = sorted((-matches, a, b) for a, b, matches, _ in pairs if a in scales and b in scales)
+    links = sorted((-matches, a, b) for a, b, matches, _ in pairs if {a, b} <= set(connected))
     chosen: set[int] = set()
     for _, a, b in links:
         if (a in small) != (b in small) and len(chosen | {a, b}) <= count // 2:
@@ -124,9 +132,7 @@ def photos_at_gap(database: Path, count: int) -> list[str]:
         if best is None:
             break
         chosen |= set(best)
-    with opened_database(database) as opened:
-        names = {image.image_id: image.name for image in opened.read_all_images()}
-    return sorted(names[image_id] for image_id in chosen)
+    return chosen
 
 
 def largest_gap(scales: Sequence[float]) -> float:
