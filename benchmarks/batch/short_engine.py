@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from engine.workers.batch import engine_run
+from engine.workers.jobs import engine_run
 
 from ..security.kills_engine import shorten_stages
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from typing import IO, Any
+from typing import Any
 
-from ..core.engine_process import EngineProcess, engine_command, engine_environment, events_in
 from ..core.errors import HeritageError, ProjectError
-from ..workers.jobs import JobState
+from ..core.events import ignore_events
+from ..workers.jobs import EngineRun
 
 __all__ = ["call_engine"]
 
@@ -32,16 +32,11 @@ def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
     ProjectError
         When it takes too long; it is killed then.
     """
-    state = JobState()
-
-    def follow(stream: IO[bytes]) -> None:
-        for event in events_in(stream):
-            state.update(event)
-
-    with EngineProcess.start(engine_command(*arguments, "--events"), engine_environment(), follow) as process:
-        if not process.wait(_MAX_SECONDS):
-            raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. Make it in Blender.")
-    if process.code:
-        _LOG.error("The %s failed with exit code %d: %s", what, process.code, process.complaints())
-        raise HeritageError(state.error or f"The {what} failed. The server's log has the details.")
-    return state.outputs
+    run = EngineRun(arguments, ignore_events)
+    code = run.wait(_MAX_SECONDS)
+    if run.late:
+        raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. Make it in Blender.")
+    if code:
+        _LOG.error("The %s failed with exit code %d: %s", what, code, run.process.complaints())
+        raise HeritageError(run.state.error or f"The {what} failed. The server's log has the details.")
+    return run.state.outputs

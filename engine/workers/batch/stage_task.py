@@ -23,7 +23,7 @@ from ...core.events import ErrorEvent, Event, Finished, Metric, Progress, to_jso
 from ...core.files import check, delete_derived, write_problem
 from ...pipeline.stages import STAGES
 from ...project.folder import ProjectFolder
-from .engine_run import EngineRun
+from ..jobs import EngineRun
 from .shipping import Bundle, pack, unpack
 
 __all__ = ["topic_of", "run_stage", "stop_stages", "stored_forecast"]

@@ -22,7 +22,7 @@ from engine.pipeline.planning.stage_forecast import StageForecast
 from engine.pipeline.runner import StageRunner
 from engine.pipeline.stages import STAGES
 from engine.project.folder import ProjectFolder, stage_key
-from engine.workers.batch import engine_run
+from engine.workers.jobs import engine_run
 
 WITHOUT_MODELS = "TEST_WITHOUT_MODELS"
 FULL_DISK = "TEST_FULL_DISK"

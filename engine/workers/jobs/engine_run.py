@@ -1,7 +1,7 @@
-"""The engine as a child process of a worker: followed by its events, stopped on request, never left behind.
+"""The engine as a child process of a worker or a server: followed by its events, stopped on request, never left behind.
 
-A child that needs too much memory is killed alone. It ends when its worker dies, so that the worker that repeats the
-stage finds the project unlocked.
+A child that needs too much memory is killed alone. It ends when the process that started it dies, so that a worker that
+repeats the stage finds the project unlocked.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ...core.system import (
     no_core_dumps,
     use_cores,
 )
-from ..jobs import JobState
+from .job import JobState
 
 __all__ = ["CORES_VARIABLE", "EngineRun"]
 
@@ -56,6 +56,8 @@ class EngineRun:
         Stages that it computed, and those that were done already.
     stopped : bool
         Whether `stop` was called.
+    late : bool
+        Whether it was killed because it took too long.
 
     Raises
     ------
@@ -64,7 +66,8 @@ class EngineRun:
     """
 
     def __init__(self, arguments: Sequence[str], on_event: Callable[[Event], None]) -> None:
-        self.state, self.stopped = JobState(), False
+        self.state = JobState()
+        self.stopped = self.late = False
         self.computed: list[str] = []
         self.kept: list[str] = []
         self._on_event = on_event
@@ -85,10 +88,10 @@ class EngineRun:
         with contextlib.suppress(DiskError):
             self.process.stop()
 
-    def wait(self) -> int:
-        """Wait for the end and return the exit code; negative: killed by the signal of this number."""
+    def wait(self, seconds: float | None = None) -> int:
+        """Wait for the end, kill it after `seconds`, and return the exit code; negative: killed by this signal."""
         with self._folder, self.process:
-            self.process.wait()
+            self.late = not self.process.wait(seconds)
         assert self.process.code is not None
         return self.process.code
 
