@@ -32,7 +32,7 @@ from engine.objects.lifting import isolate_object
 from engine.objects.settings import BETTER
 from engine.objects.views import spread_cameras
 from engine.objects.votes import MaskEvidence
-from engine.pictures import Scene
+from engine.pictures import Backend, Scene
 from engine.project.folder import ProjectFolder
 from engine.quality.evaluation import read_ground_truth, write_section
 from engine.quality.evaluation.ground_truth import GroundTruth
@@ -194,8 +194,8 @@ def figures(gaussians: Gaussians, frames: Sequence[PinholeCamera], true: Sequenc
     return Figures(float(haze), float(missing), share_of_needles(gaussians))
 
 
-def measured(room: Path) -> Iterator[tuple[Figures, Figures]]:
-    """Yield the figures of each exhibit of a room, as it is in the scene and with detail."""
+def measured(room: Path, backend: Backend) -> Iterator[tuple[Figures, Figures]]:
+    """Yield the figures of each exhibit of a room, as it is in the scene and with detail, which `backend` makes."""
     project = ProjectFolder.open_existing(room / "project")
     context = load_context(project, BETTER, load_default_detector, load_default_sam)
     cameras = context.views.cameras
@@ -203,9 +203,10 @@ def measured(room: Path) -> Iterator[tuple[Figures, Figures]]:
     exhibits = list(exhibits_of(context, truth))
     true = silhouettes(room, exhibits, cameras.original_from_world)
     photos = DetailPhotos.of(project)
+    views = replace(context.views, scene=Scene(context.views.scene.gaussians, backend=backend))
     for one in exhibits:
         trained = replace(context.views.scene.gaussians[one.members], features=None)
-        result = detail_object(context.views, photos, one.members, BETTER, should_stop=never_stop)
+        result = detail_object(views, photos, one.members, BETTER, should_stop=never_stop)
         detailed = trained if result.detailed is None else result.detailed.gaussians
         before, after = (figures(each, one.frames, true[one.name]) for each in (trained, detailed))
         sys.stderr.write(f"{room.name} {one.name}: {before} {after}\n")
@@ -235,6 +236,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the kept rooms and print the table, or write it into a document."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.haze", description=__doc__)
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table into this file")
+    parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu", help="of detail (default: %(default)s)")
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -242,11 +244,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         for room in _ROOMS:
             unpack_room(ROOT / KEPT_FOLDER / f"{room.name}.tar.xz", Path(folder) / room.name)
-            rooms[room.name] = list(measured(Path(folder) / room.name))
+            rooms[room.name] = list(measured(Path(folder) / room.name, options.device))
     text = table(rooms)
     sys.stdout.write(f"{text}\n")
     if options.doc is not None:
-        command = f"`python -m benchmarks.haze --doc {options.doc}`"
+        device = "" if options.device == "cpu" else f" --device {options.device}"
+        command = f"`python -m benchmarks.haze{device} --doc {options.doc}`"
         write_section(options.doc, title=_TITLE, body="\n\n".join((command, MARKS["in sample"], _TEXT, text)))
     return 0
 

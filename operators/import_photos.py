@@ -14,7 +14,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from ..engine.core.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project.content import default_project_folder
-from ..engine.training.settings import DEFAULT_PRESET, PRESET_LIST
+from ..engine.training.settings import DEFAULT_PRESET, LIGHT_DESCRIPTION, LIGHT_LABEL, PRESET_LIST
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.panels.preset_choice import PHOTO_SUFFIXES, draw_presets
 from .dropped_files import DroppedIntoView
@@ -103,6 +103,10 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             options={"SKIP_SAVE"},
         ),
     ]
+    light: Annotated[
+        bool,
+        BoolProperty(name=LIGHT_LABEL, description=LIGHT_DESCRIPTION, default=False, options={"SKIP_SAVE"}),
+    ]
     preset: Annotated[
         str,
         EnumProperty(
@@ -135,6 +139,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         layout, photos = self.layout, self._shown_photos(context)
         line_length = None if photos is None or context.area.type == "FILE_BROWSER" else _DIALOG_LINE_LENGTH
         draw_presets(layout, self, photos, line_length=line_length)
+        layout.prop(self, "light")
         properties = bpy.ops.heritage.import_photo_folder.get_rna_type().properties
         for name, placeholder in _LABELLED:
             column = layout.column(align=True)
@@ -164,6 +169,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             )
         project = Path(bpy.path.abspath(self.project)) if self.project else default_project_folder(photos)
         arguments = ["reconstruct", str(photos), "--out", str(project), "--preset", self.preset]
+        arguments += ["--light"] if self.light else []
         arguments += ["--prompts", self.prompts] if self.prompts.strip() else []
         arguments += ["--cameras", bpy.path.abspath(self.cameras)] if self.cameras else []
         arguments += ["--photo-masks", bpy.path.abspath(self.masks)] if self.masks else []

@@ -20,11 +20,9 @@ from pathlib import Path
 from places import ROOT
 
 sys.path.insert(0, str(ROOT))
-from engine.core.errors import (
-    EnvironmentProblem,  # noqa: E402
-    HeritageError,  # noqa: E402
-)
-from engine.install.environment import Pip, locked_arguments  # noqa: E402
+from engine.core.certificates import CERTIFICATE_VARIABLE  # noqa: E402 it needs the line above
+from engine.core.errors import EnvironmentProblem, HeritageError  # noqa: E402 as above
+from engine.install.environment import Pip, locked_arguments  # noqa: E402 as above
 
 PAGE = ROOT / "engine" / "serve" / "page"
 LOCKED_NODE = ROOT / "requirements" / "locked-node.txt"
@@ -43,8 +41,9 @@ def main() -> int:
             npm = npm_command(Path(folder))
             # Programs that npm starts look for node in PATH.
             path = os.pathsep.join([str(Path(npm[0]).parent), os.environ["PATH"]])
+            environment = trusting({**os.environ, "PATH": path})
             for words in (["ci", "--ignore-scripts", "--no-audit", "--no-fund"], ["run", "build"]):
-                done = subprocess.run([*npm, *words], cwd=PAGE, env={**os.environ, "PATH": path}, check=False)
+                done = subprocess.run([*npm, *words], cwd=PAGE, env=environment, check=False)
                 if done.returncode:
                     print(f"\nnpm {' '.join(words)} failed (see above). Check the network, then run it again.")
                     return 1
@@ -53,6 +52,12 @@ def main() -> int:
         return 1
     STAMP.write_text(made_from)
     return 0
+
+
+def trusting(variables: dict[str, str]) -> dict[str, str]:
+    """Return variables with which Node trusts what the engine trusts: the system, and the file that the user names."""
+    named = variables.get(CERTIFICATE_VARIABLE)
+    return {"NODE_USE_SYSTEM_CA": "1", **({"NODE_EXTRA_CA_CERTS": named} if named else {}), **variables}
 
 
 def npm_command(folder: Path) -> list[str]:

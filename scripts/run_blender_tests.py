@@ -43,7 +43,7 @@ def main() -> int:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = {}
             for label, python in chosen:
-                # From photos to files, most of the time is the engine's: the oldest and the newest Blender are enough.
+                # What takes long is checked in the oldest and the newest Blender.
                 is_between = options.blender is None and label not in (blenders[0][0], blenders[-1][0])
                 arguments = [*(["-m", "not slow"] if is_between else []), *for_pytest]
                 runs[label] = pool.submit(run_tests, python, folder, zip_file, arguments)
@@ -59,6 +59,7 @@ def run_tests(python: Path, folder: Path, zip_file: Path, arguments: Sequence[st
     environment = {
         **os.environ,
         "GAUSSIAN_HERITAGE_ZIP": str(zip_file),
+        "GAUSSIAN_HERITAGE_SHARED": str(folder / "shared"),
         "GAUSSIAN_HERITAGE_PYTHON": str(python_of("engine")),
         "GAUSSIAN_HERITAGE_DEMO": str(ROOT / "demo"),
         "GAUSSIAN_HERITAGE_FIXTURES": str(ROOT / "tests" / "fixtures"),

@@ -9,6 +9,7 @@ example: python scripts/setup_environments.py
 from __future__ import annotations
 
 import argparse
+import ctypes
 import hashlib
 import json
 import shutil
@@ -22,7 +23,7 @@ from places import BLENDERS, ROOT, environment_folder, python_of
 
 sys.path.insert(0, str(ROOT))
 from engine.core.errors import HeritageError  # noqa: E402 it imports the standard library alone
-from engine.core.system import replace_file, run_text  # noqa: E402 as above
+from engine.core.system import package_system, replace_file, run_text  # noqa: E402 as above
 from engine.install.environment import (  # noqa: E402 as above
     Pip,
     default_build,
@@ -39,6 +40,16 @@ STAMP = "gaussian_heritage_setup.json"
 MIN_FREE_GB = {"cpu": 6.0, "cuda": 14.0}
 """Free disk space required, by build of torch. Environments and model files take 4.5 GB, a CUDA build of torch takes
 5 GB more, and pip needs space to unpack."""
+
+DOWNLOADED_GB = {"cpu": 0.8, "cuda": 3.4}
+"""What the environment of the engine downloads with its model files, by build of torch; each Blender is 0.4 more."""
+
+BLENDER_LIBRARIES = {
+    "libX11.so.6": "libx11-6", "libXext.so.6": "libxext6", "libXfixes.so.3": "libxfixes3", "libXi.so.6": "libxi6",
+    "libXrender.so.1": "libxrender1", "libICE.so.6": "libice6", "libSM.so.6": "libsm6", "libGL.so.1": "libgl1",
+    "libxkbcommon.so.0": "libxkbcommon0",
+}  # fmt: skip
+"""Libraries of a Linux desktop that Blender is linked with, and the packages of Debian and Ubuntu that have them."""
 
 BLENDER_INDEX = "https://download.blender.org/pypi/"
 
@@ -135,6 +146,9 @@ def make_environments(torch: str) -> None:
         print("The environments are ready.", flush=True)
         return
     check_disk(torch)
+    check_libraries()
+    size = sum(DOWNLOADED_GB[torch] if one.name == "engine" else 0.4 for one in pythons)
+    print(f"Up to {size:.1f} GB are downloaded; a set-up that was stopped continues when it is run again.", flush=True)
     for environment, python in pythons.items():
         started = time.monotonic()
         make(environment, python, torch)
@@ -227,6 +241,24 @@ def check_disk(torch: str) -> None:
     free = shutil.disk_usage(folder).free / 1e9
     if free < MIN_FREE_GB[torch]:
         raise SetupProblem(f"{folder} has {free:.1f} GB free and set-up needs {MIN_FREE_GB[torch]:.0f} GB; free some.")
+
+
+def check_libraries() -> None:
+    """Raise `SetupProblem` when a Linux without a desktop lacks what Blender is linked with."""
+    if not package_system().startswith("linux"):
+        return
+    missing = []
+    for name in BLENDER_LIBRARIES:
+        try:
+            ctypes.CDLL(name)
+        except OSError:
+            missing.append(name)
+    if missing:
+        packages = " ".join(BLENDER_LIBRARIES[name] for name in missing)
+        raise SetupProblem(
+            f"Blender needs {', '.join(missing)}, which every Linux with a desktop has; install them (Debian, Ubuntu: "
+            f"sudo apt-get install {packages}) and run `make setup` again."
+        )
 
 
 def works(python: Path, version: tuple[int, int]) -> bool:

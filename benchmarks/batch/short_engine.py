@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from engine.workers.batch import engine_process
+from engine.workers.jobs import engine_run
 
 from ..security.kills_engine import shorten_stages
 
@@ -14,11 +14,11 @@ __all__ = ["dask_setup"]
 
 def dask_setup(worker: object) -> None:
     """Let this worker's engines have short stages; Dask calls it."""
-    engine_process._MODULE = __name__
+    engine_run._MODULE = __name__
 
 
 if __name__ == "__main__":
     shorten_stages()
-    code = engine_process._main()
+    code = engine_run._main()
     sys.stdout.flush()
     os._exit(code)

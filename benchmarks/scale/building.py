@@ -63,21 +63,25 @@ class Building:
 
     def picture(self, viewmat: Float32) -> NDArray[np.uint8]:
         """Return the photo [H, W, 3] of a camera, sRGB."""
+        return self.seen(viewmat)[0]
+
+    def seen(self, viewmat: Float32) -> tuple[NDArray[np.uint8], Float32]:
+        """Return the photo [H, W, 3] of a camera, sRGB, and the depths of its pixels [H, W]."""
         rotation = viewmat[:3, :3]
         center = -rotation.T @ viewmat[:3, 3]
         directions = self._rays @ rotation.astype(np.float32)
         colour = np.zeros((len(directions), 3), np.uint8)
+        depth = np.zeros(len(directions), np.float32)
         x, y = np.floor(center[:2] / _SIZE[:2]).astype(int)
         waiting = {(int(x), int(y)): np.arange(len(directions))}
         while waiting:
             room = next(iter(waiting))
             rows = waiting.pop(room)
-            seen, beyond = self._cast(room, center, directions[rows])
-            colour[rows] = seen
+            colour[rows], depth[rows], beyond = self._cast(room, center, directions[rows])
             for next_room, local in beyond.items():
                 joined = [waiting[next_room]] if next_room in waiting else []
                 waiting[next_room] = np.concatenate([*joined, rows[local]])
-        return colour.reshape(HEIGHT, WIDTH, 3)
+        return colour.reshape(HEIGHT, WIDTH, 3), depth.reshape(HEIGHT, WIDTH)
 
     def _cameras_of(self, number: int) -> list[Float64]:
         """Return the cameras of the room that the walk visits as the `number`-th."""
@@ -140,8 +144,8 @@ class Building:
 
     def _cast(
         self, room: _Room, center: Float64, directions: Float32
-    ) -> tuple[NDArray[np.uint8], dict[_Room, NDArray[np.intp]]]:
-        """Return the colours [N, 3] of rays in a room, and the rows of those that go on in a neighbour."""
+    ) -> tuple[NDArray[np.uint8], Float32, dict[_Room, NDArray[np.intp]]]:
+        """Return colours [N, 3] and lengths [N] of rays in a room, and the rows of those that go on in a neighbour."""
         inside = self._inside(room)
         # From the corner of the room, so that single precision is enough in a large building.
         center = (center - np.array([*room, 0.0]) * _SIZE).astype(np.float32)
@@ -174,7 +178,7 @@ class Building:
                 colour[hit[of_side]] = _sampled(texture, at)
             for rows in open_to.values():
                 rows[hit] = False
-        return colour, {other: np.flatnonzero(rows) for other, rows in open_to.items() if rows.any()}
+        return colour, nearest, {other: np.flatnonzero(rows) for other, rows in open_to.items() if rows.any()}
 
     def _through(self, room: _Room, face: NDArray[np.intp], points: Float32) -> dict[_Room, NDArray[np.bool_]]:
         """Return which rays [N] leave through the opening to each neighbour."""

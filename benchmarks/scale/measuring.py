@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sqlite3
+import sys
 import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -38,7 +39,7 @@ _STEP_OF = {
 
 @dataclass
 class _Clock:
-    """Wall and CPU seconds by step; a step lasts until a message of the next one."""
+    """Wall and CPU seconds by step; a step lasts until a message of the next one, and is then told on stderr."""
 
     wall: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STEPS, 0.0))
     cpu: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STEPS, 0.0))
@@ -52,7 +53,10 @@ class _Clock:
         self.wall[self.step] += now[0] - self.since[0]
         self.cpu[self.step] += now[1] - self.since[1]
         self.since = now
-        self.step = next((step for part, step in _STEP_OF.items() if part in event.message), self.step)
+        step = next((step for part, step in _STEP_OF.items() if part in event.message), self.step)
+        if step != self.step:
+            sys.stderr.write(f"{self.step}: {self.wall[self.step]:.1f} s ({self.cpu[self.step]:.0f} of CPU)\n")
+        self.step = step
 
 
 def measure_incremental(photos: SizedSet, folder: Path) -> dict[str, Any]:

@@ -150,9 +150,11 @@ def _write_waiting_job(folder: Path) -> None:
 
 
 def _stored_jobs(folder: Path) -> object:
-    from engine.workers.jobs import WaitingJob
+    from engine.workers.jobs import WaitingJobs
 
-    return WaitingJob.stored(folder) or None
+    jobs = WaitingJobs(lambda: folder)
+    jobs.find()
+    return list(jobs) or None
 
 
 def _read_project(folder: Path) -> object:

@@ -1,13 +1,14 @@
 """Quality of training on a graphics card against seconds: ``python -m benchmarks.training.card COMMAND``.
 
 `prepare` writes photos, cameras and segments of sets on a machine with the whole engine; `prepare-rooms` those of kept
-choosing rooms (`benchmarks.rooms`) without segments, and views off the photos' path, which Blender renders. `train`
-needs these files, a graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-evaluator; with
-``--backend gsplat``, gsplat 1.5, with fused-ssim, trains the same views by its own rates and without features. A
+choosing rooms (`benchmarks.rooms`) without segments, and views off the photos' path, which Blender renders;
+`prepare-gallery` those of a generated walk. `train` needs these files, a graphics card, and a Python with torch, wgpu,
+numba, scipy, OpenCV and flip-evaluator; with ``--backend gsplat``, gsplat 1.5, with fused-ssim, trains the same views
+by its own rates and without features, with ``--backend cpu`` the processor, on all cores that the process may use. A
 training that was measured before is not repeated. `document` puts a table into a document, between ``<!-- NAME -->``
-and its end: all results, or those off the path.
+and its end: all results, those off the path, or errors and seconds, of which `plot` makes a picture.
 
-A run is STEPS:GAUSSIANS with settings of `standard`, or the name of a preset as the plan uses it on a card.
+A run is STEPS:GAUSSIANS with settings of `standard`, or the name of a preset as the plan uses it on the device.
 
 example: python -m benchmarks.training.card prepare --sets museum_room --sides 640 --out out/card
          python -m benchmarks.training.card train out/card --runs 3000:300000,7000:300000 --seeds 0,1,2
@@ -37,8 +38,9 @@ import torch
 
 from engine.core.errors import HeritageError
 from engine.core.events import ignore_events, never_stop
-from engine.core.files import read_json, write_json
-from engine.pipeline.planning.decisions import steps_for, with_steps
+from engine.core.files import atomic_write, read_json, write_json
+from engine.core.system import usable_cores
+from engine.pipeline.planning.decisions import steps_for
 from engine.scene import CameraSet, read_camera_set
 from engine.training import (
     TrainingView,
@@ -53,6 +55,8 @@ from engine.training.settings import PRESETS, TrainingSettings
 
 from ..documents import put_into
 from ..rooms.keeping import KEPT_FOLDER, unpack_room
+from .error_curves import ERROR_AND_SECONDS, error_plot, error_table
+from .gallery import gallery_views
 from .off_path import OFF_PATH, needles, off_path_figures, off_path_table
 from .photo_sets import ROOT, photo_set
 from .screening.gsplat_training import train_gsplat
@@ -80,6 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.add_argument("--rooms", default="3,6,8", help="numbers of kept rooms (default: %(default)s)")
     one.add_argument("--out", type=Path, required=True)
     one.set_defaults(run=_prepare_rooms)
+    one = commands.add_parser("prepare-gallery", help="write the views of a walk through four generated rooms")
+    one.add_argument("--out", type=Path, default=Path("out/card"), help="(default: %(default)s)")
+    one.set_defaults(run=_prepare_gallery)
     one = commands.add_parser("train", help="train and measure")
     one.add_argument("views", type=Path, help="folder written by `prepare` or `prepare-rooms`")
     one.add_argument("--runs", required=True, help="STEPS:GAUSSIANS or PRESET[:NAME=VALUE ...], with commas between")
@@ -92,6 +99,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.add_argument("--doc", type=Path, required=True)
     one.add_argument("--table", default="on a card", help="name of the table in the document (default: %(default)s)")
     one.set_defaults(run=_document)
+    one = commands.add_parser("plot", help="draw errors against seconds")
+    one.add_argument("results", type=Path)
+    one.add_argument("--out", type=Path, required=True, help="PNG file")
+    one.set_defaults(run=_plot)
     options = parser.parse_args(arguments)
     try:
         options.run(options)
@@ -130,6 +141,12 @@ def _prepare_rooms(options: argparse.Namespace) -> None:
             write_views(options.out / _TRUE / f"{name}.npz", cameras, true_views(room, cameras))
 
 
+def _prepare_gallery(options: argparse.Namespace) -> None:
+    options.out.mkdir(parents=True, exist_ok=True)
+    cameras, views = gallery_views(PRESETS["standard"].measurement.held_out_every)
+    write_views(options.out / "gallery.npz", cameras, views)
+
+
 def _train(options: argparse.Namespace) -> None:
     results = options.views / "results"
     results.mkdir(exist_ok=True)
@@ -144,7 +161,7 @@ def _train(options: argparse.Namespace) -> None:
             run_with, name, backend = (
                 (_run_gsplat, f"{GSPLAT}:{run}", "cpu")
                 if options.backend == GSPLAT
-                else (partial(_run, true=true), run, options.backend)
+                else (partial(_run, true=true), run_name(run, options.backend), options.backend)
             )
             for seed in map(int, options.seeds.split(",")):
                 out = results / f"{file.stem}-{_file_name(name)}-{seed}.json"
@@ -166,9 +183,14 @@ def _train(options: argparse.Namespace) -> None:
                 )
 
 
+def run_name(run: str, backend: str) -> str:
+    """Return the name of a run with the cores that the processor has for it."""
+    return f"{len(usable_cores())} cores:{run}" if backend == "cpu" else run
+
+
 def _file_name(run: str) -> str:
     """Return a run as a part of a file name, which file systems limit to 255 bytes."""
-    name = run.replace(":", "_").replace("=", "_")
+    name = run.replace(":", "_").replace("=", "_").replace(" ", "_")
     return name if len(name) <= _MAX_NAME else f"{name[:_MAX_NAME]}-{hashlib.sha256(run.encode()).hexdigest()[:8]}"
 
 
@@ -177,9 +199,10 @@ def run_settings(run: str, seed: int, views: Sequence[TrainingView], backend: st
     first, *others = run.split(":")
     n_training = sum(not view.held_out for view in views)
     if first in PRESETS:
-        settings = settings_with_sizes(first, sizes_on_card(first, _UNBOUNDED, n_training=n_training), n_training)
+        sizes = {} if backend == "cpu" else sizes_on_card(first, _UNBOUNDED, n_training=n_training)
+        settings = settings_with_sizes(first, sizes, n_training)
         settings = settings.changed(**_values(others))
-        settings = with_steps(settings, steps_for(settings, n_training))
+        settings = settings.with_steps(steps_for(settings, n_training))
     else:
         settings = PRESETS["standard"].for_photos(n_training).changed(steps=int(first), max_gaussians=int(others[0]))
         settings = settings.changed(**_values(others[1:]))
@@ -231,8 +254,14 @@ def _run_gsplat(cameras: Any, views: Sequence[TrainingView], settings: TrainingS
 
 def _document(options: argparse.Namespace) -> None:
     results = [read_json(file, _SCHEMA, advice="Delete it.") for file in sorted(options.results.glob("*.json"))]
-    text = off_path_table(results) if options.table == OFF_PATH else table(results)
-    put_into(options.doc, options.table, text)
+    tables = {OFF_PATH: off_path_table, ERROR_AND_SECONDS: error_table}
+    put_into(options.doc, options.table, tables.get(options.table, table)(results))
+
+
+def _plot(options: argparse.Namespace) -> None:
+    results = [read_json(file, _SCHEMA, advice="Delete it.") for file in sorted(options.results.glob("*.json"))]
+    with atomic_write(options.out) as out:
+        out.write(error_plot(results))
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:

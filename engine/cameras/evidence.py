@@ -17,7 +17,7 @@ from ..core.arrays import Float64
 from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
-from .lens_trials import LensTrial, tried_lenses, with_aspect
+from .lens_trials import LensTrial, ModelTrials, tried_lenses, with_aspect
 
 __all__ = [
     "BETTER",
@@ -78,7 +78,6 @@ class PairFit:
 
     first: int
     second: int
-    n_matches: int
     share: float
     distance: float = 0.0
 
@@ -179,7 +178,7 @@ class Evidence:
 
 
 def measure_model(
-    model: pycolmap.Reconstruction, own: LensTrial | None, *, should_stop: StopCheck
+    model: pycolmap.Reconstruction, trials: ModelTrials | None, *, should_stop: StopCheck
 ) -> dict[str, float | bool | int]:
     """Return the figures of `Evidence` that the model alone gives, by name.
 
@@ -187,8 +186,8 @@ def measure_model(
     ----------
     model : pycolmap.Reconstruction
         At least three placed photos. It is not changed.
-    own : LensTrial or None
-        Its trial with a lens for each photo (`tried_lenses`), made here when None.
+    trials : ModelTrials or None
+        Its trials, made here when None.
     should_stop : StopCheck
 
     Raises
@@ -207,12 +206,13 @@ def measure_model(
     figures["missing"] = missing_share(model)
     from .lens_groups import lenses_differ
 
-    own = own or tried_lenses(model, should_stop=should_stop)
+    trials = trials or ModelTrials(tried_lenses(model, should_stop=should_stop))
+    own = trials.own
     figures["lenses_differ"] = lenses_differ(model, own)
     if own.lenses:
         figures["own_gain"] = own.error / max(own.before, 1e-6)
     # One trial with all of it first: sound photos need no other. A trial that fails says nothing.
-    everything = tried_lenses(model, with_aspect, principal_point=True, should_stop=should_stop)
+    everything = trials.with_everything(model, should_stop=should_stop)
     if everything.lenses and _gain(everything, own) > BETTER:
         return figures
     aspect = tried_lenses(model, with_aspect, should_stop=should_stop)
@@ -273,13 +273,13 @@ def fit_of_pairs(model: pycolmap.Reconstruction, database: Path) -> tuple[PairFi
         found = strongest_pairs((a, b, n) for a, b, n in pairs if a in placed and b in placed)
         keypoints: dict[int, Float64] = {}
         fits = []
-        for a, b, n in found:
+        for a, b, _ in found:
             for image_id in (a, b):
                 if image_id not in keypoints:
                     keypoints[image_id] = np.asarray(opened.read_keypoints(image_id))[:, :2].astype(np.float64)
             matches = opened.read_two_view_geometry(a, b).inlier_matches
             distances = epipolar_distances(model, a, b, keypoints[a][matches[:, 0]], keypoints[b][matches[:, 1]])
-            fits.append(PairFit(a, b, n, float((distances <= _PIXELS).mean()), float(np.median(distances))))
+            fits.append(PairFit(a, b, float((distances <= _PIXELS).mean()), float(np.median(distances))))
     return tuple(fits)
 
 

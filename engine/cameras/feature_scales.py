@@ -12,6 +12,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array, eye_array
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import spsolve
 
 from .colmap import pycolmap
 from .colmap_calls import opened_database
@@ -20,7 +23,9 @@ __all__ = [
     "SIZES_DIFFER",
     "balanced_scales",
     "feature_sizes",
+    "ids_at_gap",
     "largest_gap",
+    "photos_at_gap",
     "relative_scales",
     "scale_groups",
     "size_gap",
@@ -32,6 +37,8 @@ _MIN_MATCHES = 15
 _SWEEPS = 20
 _EXACT = 0.05
 """Residual of a pair, as a logarithm, below which its weight does not grow: features are measured to a few percent."""
+_HELD = 1e-6
+"""Weight that holds the mean of connected photos at 0; a pair has 15 and more."""
 _DISTINCT = 1.1
 """Ratio of the scales of neighbouring groups from which on they are tried as lenses."""
 _MIN_GROUP = 2
@@ -92,6 +99,42 @@ def size_gap(database: Path) -> float:
     return max((largest_gap(values) for values in groups.values()), default=1.0)
 
 
+def photos_at_gap(database: Path, count: int) -> list[str]:
+    """Return the names of at most `count` photos on both sides of the largest gap between the sizes, in their order.
+
+    Half of them are those that match best across the gap, the others those that match best with one of these.
+
+    Parameters
+    ----------
+    database : Path
+        COLMAP's database with verified matches.
+    count : int
+    """
+    chosen = ids_at_gap(*_size_ratios(database), count)
+    with opened_database(database) as opened:
+        names = {image.image_id: image.name for image in opened.read_all_images()}
+    return sorted(names[image_id] for image_id in chosen)
+
+
+def ids_at_gap(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]], count: int) -> set[int]:
+    """Return the ids of `photos_at_gap`, from pairs (first, second, matches, ratio) as `balanced_scales` takes them."""
+    scales = balanced_scales(ids, pairs)
+    connected = sorted(_most_connected(ids, pairs), key=lambda image_id: (scales[image_id], image_id))
+    steps = np.diff([scales[image_id] for image_id in connected])
+    small = set(connected[: _MIN_GROUP + int(steps[_MIN_GROUP - 1 : len(steps) - _MIN_GROUP + 1].argmax())])
+    links = sorted((-matches, a, b) for a, b, matches, _ in pairs if {a, b} <= set(connected))
+    chosen: set[int] = set()
+    for _, a, b in links:
+        if (a in small) != (b in small) and len(chosen | {a, b}) <= count // 2:
+            chosen |= {a, b}
+    while len(chosen) < count:
+        best = next(((a, b) for _, a, b in links if (a in chosen) != (b in chosen)), None)
+        if best is None:
+            break
+        chosen |= set(best)
+    return chosen
+
+
 def largest_gap(scales: Sequence[float]) -> float:
     """Return the largest ratio between neighbours of the sorted `scales`, which are logarithms.
 
@@ -143,19 +186,22 @@ def _size_ratios(database: Path) -> tuple[list[int], list[tuple[int, int, int, f
 def balanced_scales(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> dict[int, float]:
     """Return values by id whose differences are the ratios (first, second, matches, ratio) of `pairs`."""
     column = {image_id: index for index, image_id in enumerate(ids)}
-    differences = np.zeros((len(pairs), len(ids)))
-    for row, (a, b, _, _) in enumerate(pairs):
-        differences[row, column[a]], differences[row, column[b]] = -1.0, 1.0
+    rows = np.repeat(np.arange(len(pairs)), 2)
+    columns = [column[image_id] for a, b, _, _ in pairs for image_id in (a, b)]
+    differences = csr_array((np.tile([-1.0, 1.0], len(pairs)), (rows, columns)), shape=(len(pairs), len(ids)))
     ratios = np.array([ratio for *_, ratio in pairs])
     strength = np.sqrt([count for _, _, count, _ in pairs])
     weights = strength
     values = np.zeros(len(ids))
+    held = _HELD * eye_array(len(ids), format="csr")
+    part = connected_components(abs(differences).T @ abs(differences))[1]
     for _ in range(_SWEEPS):
-        # Photos that no pair connects, and the mean of each part, are held at 0.
-        system = np.concatenate([differences * weights[:, None], 1e-3 * np.eye(len(ids))])
-        values = np.linalg.lstsq(system, np.concatenate([ratios * weights, np.zeros(len(ids))]), rcond=None)[0]
+        weighted = differences.T * weights**2
+        values = spsolve(csc_array(weighted @ differences + held), weighted @ ratios)
         # Weights by the residuals make the sum of squares one of absolute values, which wrong pairs change little.
         weights = strength / np.sqrt(np.maximum(np.abs(ratios - differences @ values), _EXACT))
+    # The mean of each part is 0. What holds it in the system leaves an error of rounding.
+    values = values - (np.bincount(part, values) / np.bincount(part))[part]
     return {image_id: float(values[index]) for image_id, index in column.items()}
 
 
@@ -180,19 +226,14 @@ def scale_groups(scales: Mapping[int, float], count: int) -> list[tuple[float, l
     sums = np.concatenate([[0.0], np.cumsum(values)])
     squares = np.concatenate([[0.0], np.cumsum(values**2)])
 
-    def within(start: int, end: int) -> float:
-        return float(squares[end] - squares[start] - (sums[end] - sums[start]) ** 2 / (end - start))
-
-    best, chosen = np.inf, None
-    for cuts in itertools.combinations(range(_MIN_GROUP, len(ids) - _MIN_GROUP + 1), count - 1):
-        bounds = (0, *cuts, len(ids))
-        if min(np.diff(bounds)) < _MIN_GROUP:
-            continue
-        spread = sum(within(start, end) for start, end in itertools.pairwise(bounds))
-        if spread < best:
-            best, chosen = spread, bounds
-    if chosen is None:
+    cuts = np.array(list(itertools.combinations(range(_MIN_GROUP, len(ids) - _MIN_GROUP + 1), count - 1)), np.intp)
+    cuts = cuts.reshape(-1, count - 1)
+    bounds = np.concatenate([np.zeros_like(cuts[:, :1]), cuts, np.full_like(cuts[:, :1], len(ids))], axis=1)
+    bounds = bounds[(np.diff(bounds) >= _MIN_GROUP).all(axis=1)]
+    if not len(bounds):
         return []
+    spread = np.diff(squares[bounds]) - np.diff(sums[bounds]) ** 2 / np.diff(bounds)
+    chosen = bounds[spread.sum(axis=1).argmin()].tolist()
     groups = [(float(np.median(values[a:b])), sorted(ids[a:b])) for a, b in itertools.pairwise(chosen)]
     steps = np.diff([scale for scale, _ in groups])
     return groups if (steps > np.log(_DISTINCT)).all() else []

@@ -6,7 +6,6 @@ converted where they are read. Units and world axes of the model are arbitrary a
 
 from __future__ import annotations
 
-import logging
 import os
 import tempfile
 from collections.abc import Sequence
@@ -30,8 +29,6 @@ from .turning import ORIENTATIONS
 from .undistortion import require_valid_lens
 
 __all__ = ["has_points", "read_cameras"]
-
-_LOG = logging.getLogger(__name__)
 
 
 def read_cameras(

@@ -9,19 +9,24 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
-from .feature_scales import SIZES_DIFFER, relative_scales, scale_groups, size_gap
+from .feature_scales import SIZES_DIFFER, photos_at_gap, relative_scales, scale_groups, size_gap
 from .features import SfmWorkspace
-from .lens_trials import LensTrial, capped_error, tried_lenses
+from .lens_trials import LensTrial, ModelTrials, capped_error, tried_lenses
 
 __all__ = ["assign_lenses", "group_by_focal", "lenses_differ", "map_with_lenses"]
 
-MapAll = Callable[[], list[pycolmap.Reconstruction]]
+MapPhotos = Callable[[Sequence[str]], list[pycolmap.Reconstruction]]
+"""Maps the photos of these names in the database, all without names, with the lenses in the database."""
+Models = tuple[list[pycolmap.Reconstruction], ModelTrials | None]
+"""Models, and the trials of the largest one, None where none were made."""
 Group = tuple[pycolmap.Camera, list[int]]
 """A lens and the image ids of the photos that share it."""
 
@@ -38,30 +43,34 @@ _WIDTHS = (1.25, 1.12, _DIFFERENT_FOCAL)
 per photo scatter, and in a group with others even a badly known one is found."""
 _COUNTS = (2, 3)
 """Groups that photos are cut into by the sizes of features."""
+_SAMPLE = 60
+"""Photos that other groups are tried on first where only the sizes of features speak for them: a walk through rooms
+shows things from near and from far, and each of the groups costs a mapping."""
 _BETTER = 0.95
 """Error of the model with other groups, relative to the first, from which down it is taken."""
 
 
 def map_with_lenses(
-    workspace: SfmWorkspace, map_all: MapAll, *, should_stop: StopCheck
-) -> tuple[list[pycolmap.Reconstruction], LensTrial | None]:
+    workspace: SfmWorkspace, map_photos: MapPhotos, *, beside: Executor, should_stop: StopCheck
+) -> Models:
     """Return the models of the photos, mapped with lenses that their photos really share.
 
-    With them comes the trial of the largest model with a lens for each photo, as `tried_lenses` gives it; None where
-    none was made.
+    With them come the trials of the largest model; None where none were made.
 
     Parameters
     ----------
     workspace : SfmWorkspace
         With features and matches. The lenses in its database are replaced.
-    map_all : callable
-        Maps the photos with the lenses in the database.
+    map_photos : callable
+        Maps photos with the lenses in the database.
+    beside : Executor
+        Of one thread, in which a trial goes on.
     should_stop : StopCheck
 
     Raises
     ------
     CameraError, Cancelled, DiskError
-        As `map_all` and the calls of COLMAP raise them.
+        As `map_photos` and the calls of COLMAP raise them.
 
     Notes
     -----
@@ -70,70 +79,139 @@ def map_with_lenses(
     show things in different sizes, other groups are tried: two and three groups by the sizes of common features, then a
     lens for each photo, grouped by sizes where these fall apart, and by the focal lengths found, coarsely first. A
     result is taken when it places as many photos with an error that is smaller by a twentieth, or more photos. Where
-    sizes of features and focal lengths found both say that photos were zoomed, a smaller error is enough.
+    sizes of features and focal lengths found both say that photos were zoomed, a smaller error is enough. Of more than
+    60 photos for which sizes alone speak for other groups, 60 are tried first.
     """
     first_lenses = _first_lenses(workspace)
     assign_lenses(workspace, first_lenses)
-    models = map_all()
+    models = map_photos(())
     largest = _largest(models)
     if workspace.lenses or largest is None or largest.num_reg_images() < 3:
         return models, None
-    own = tried_lenses(largest, should_stop=should_stop)
-    differ = lenses_differ(largest, own)
+    trials = ModelTrials.begun(largest, beside, should_stop=should_stop)
     several_sizes = size_gap(workspace.database) >= SIZES_DIFFER
-    if not (_is_doubtful(workspace, largest, differ) or several_sizes):
-        return models, own
-    scales = relative_scales(workspace.database)
+    count = len(workspace.copies)
+    doubtful = _is_doubtful(largest, count, lenses_differ(largest, trials.own))
+    if not (doubtful or several_sizes):
+        return models, trials
+    search = _Search(workspace, first_lenses, relative_scales(workspace.database), several_sizes, should_stop)
+    if not doubtful and count > _SAMPLE:
+        sample = photos_at_gap(workspace.database, _SAMPLE)
+        few = map_photos(sample)
+        largest_few = _largest(few)
+        if largest_few is not None and largest_few.num_reg_images() >= 3:
+            trial = tried_lenses(largest_few, should_stop=should_stop)
+            if search.best_models(few, trial, len(sample), lambda: map_photos(sample))[0] is few:
+                return models, trials
+    best, own = search.best_models(models, trials.own, count, lambda: map_photos(()))
+    if best is models:
+        return models, trials
+    return best, None if own is None else ModelTrials(own)
 
-    def mapped(groups: Sequence[Group]) -> list[pycolmap.Reconstruction]:
-        placed = {image_id for _, ids in groups for image_id in ids}
-        left = [(_scaled(lens, scales[i]), [i]) for lens, ids in first_lenses for i in ids if i not in placed]
-        assign_lenses(workspace, [*groups, *left])
-        return map_all()
 
-    best = models
-    for count in _COUNTS:
-        groups = _by_scale(first_lenses, scales, count)
-        found = mapped(groups) if groups else []
-        model = _largest(found)
-        if model is None or not (
-            _is_better(model, largest) or (several_sizes and _has_zooms(model) and _is_better(model, largest, 1.0))
-        ):
-            continue
-        best, largest = found, model
-        own = tried_lenses(model, should_stop=should_stop)
-        differ = lenses_differ(model, own)
-        if not _is_doubtful(workspace, model, differ):
+@dataclass(frozen=True)
+class _Search:
+    """The search for the lenses that photos share, on all photos or on some of them.
+
+    Attributes
+    ----------
+    workspace : SfmWorkspace
+    first_lenses : sequence of Group
+    scales : dict of int to float
+        Logarithms by image id, see `relative_scales`.
+    several_sizes : bool
+        Whether the photos fall into groups that show things in different sizes.
+    should_stop : StopCheck
+    """
+
+    workspace: SfmWorkspace
+    first_lenses: Sequence[Group]
+    scales: dict[int, float]
+    several_sizes: bool
+    should_stop: StopCheck
+
+    def best_models(
+        self,
+        models: list[pycolmap.Reconstruction],
+        own: LensTrial,
+        count: int,
+        map_again: Callable[[], list[pycolmap.Reconstruction]],
+    ) -> tuple[list[pycolmap.Reconstruction], LensTrial | None]:
+        """Return the best models of `count` photos: those with other lenses, or `models` with their trial `own`.
+
+        Parameters
+        ----------
+        models : list of pycolmap.Reconstruction
+            With the first lenses; one has at least three photos.
+        own : LensTrial
+        count : int
+        map_again : callable
+            Maps the same photos with the lenses in the database.
+        """
+        largest = _largest(models)
+        assert largest is not None
+        differ = lenses_differ(largest, own)
+
+        def mapped(groups: Sequence[Group]) -> list[pycolmap.Reconstruction]:
+            assign_lenses(self.workspace, [*groups, *self._left_by(groups)])
+            return map_again()
+
+        best = models
+        for number in _COUNTS:
+            groups = _by_scale(self.first_lenses, self.scales, number)
+            found = mapped(groups) if groups else []
+            model = _largest(found)
+            if model is None or not (
+                _is_better(model, largest)
+                or (self.several_sizes and _has_zooms(model) and _is_better(model, largest, 1.0))
+            ):
+                continue
+            best, largest = found, model
+            own = tried_lenses(model, should_stop=self.should_stop)
+            differ = lenses_differ(model, own)
+            if not _is_doubtful(model, count, differ):
+                return best, own
+        # Lenses of their own begin with what fits the first model, if that shows that they differ.
+        of_each = mapped([(lens, [i]) for i, lens in sorted(own.lenses.items())] if differ else [])
+        alone = _largest(of_each)
+        if alone is None or not _is_better(alone, largest):
             return best, own
-    # Lenses of their own begin with what fits the first model, if that shows that they differ.
-    of_each = mapped([(lens, [i]) for i, lens in sorted(own.lenses.items())] if differ else [])
-    alone = _largest(of_each)
-    if alone is None or not _is_better(alone, largest):
+        first = largest
+        lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
+        for group_of, width in self._attempts():
+            found = mapped(group_by_focal(lenses, group_of, width))
+            model = _largest(found)
+            if model is None or not _is_better(model, largest):
+                continue
+            best, largest = found, model
+            own = tried_lenses(model, should_stop=self.should_stop)
+            if not lenses_differ(model, own):
+                break
+            lenses = {**lenses, **own.lenses}
+        if best is models and _is_better(alone, first, _LOWER_ERROR):
+            return of_each, None
         return best, own
-    first = largest
-    lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
-    group_of = {image_id: number for number, (_, ids) in enumerate(first_lenses) for image_id in ids}
-    attempts = [(group_of, width) for width in _WIDTHS]
-    if several_sizes:
-        # A badly known focal length does not take a photo out of the group that sizes show.
-        attempts = [*((of_size, math.inf) for of_size in _size_groups(first_lenses, scales) if of_size), *attempts]
-    for numbers, width in attempts:
-        found = mapped(group_by_focal(lenses, numbers, width))
-        model = _largest(found)
-        if model is None or not _is_better(model, largest):
-            continue
-        best, largest = found, model
-        own = tried_lenses(model, should_stop=should_stop)
-        if not lenses_differ(model, own):
-            break
-        lenses = {**lenses, **own.lenses}
-    if best is models and _is_better(alone, first, _LOWER_ERROR):
-        return of_each, None
-    return best, own
+
+    def _left_by(self, groups: Sequence[Group]) -> list[Group]:
+        """Return a lens of its own for each photo that is in no group."""
+        grouped = {image_id for _, ids in groups for image_id in ids}
+        return [
+            (_scaled(lens, self.scales[i]), [i]) for lens, ids in self.first_lenses for i in ids if i not in grouped
+        ]
+
+    def _attempts(self) -> list[tuple[dict[int, int], float]]:
+        """Return the groups by image id, and the factor within which focal lengths are one lens, in order."""
+        group_of = {image_id: number for number, (_, ids) in enumerate(self.first_lenses) for image_id in ids}
+        attempts = [(group_of, width) for width in _WIDTHS]
+        if self.several_sizes:
+            # A badly known focal length does not take a photo out of the group that sizes show.
+            by_size = _size_groups(self.first_lenses, self.scales)
+            attempts = [*((of_size, math.inf) for of_size in by_size if of_size), *attempts]
+        return attempts
 
 
-def _is_doubtful(workspace: SfmWorkspace, model: pycolmap.Reconstruction, differ: bool) -> bool:
-    return differ or model.num_reg_images() < _FEW_PLACED * len(workspace.copies)
+def _is_doubtful(model: pycolmap.Reconstruction, count: int, differ: bool) -> bool:
+    return differ or model.num_reg_images() < _FEW_PLACED * count
 
 
 def _size_groups(first_lenses: Sequence[Group], scales: dict[int, float]) -> list[dict[int, int]]:

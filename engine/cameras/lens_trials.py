@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import wait_for
 
-__all__ = ["LensTrial", "capped_error", "tried_lenses", "with_aspect"]
+__all__ = ["LensTrial", "ModelTrials", "capped_error", "tried_lenses", "with_aspect"]
 
 
 _LARGEST_ERROR = 10.0
@@ -130,6 +132,34 @@ def tried_lenses(
     if not all(np.isfinite(lens.params).all() and lens.mean_focal_length() > 0 for lens in lenses.values()):
         return LensTrial(before, float("inf"), {})
     return LensTrial(before, capped_error(trial), lenses)
+
+
+@dataclass(frozen=True)
+class ModelTrials:
+    """The trials that every model undergoes. Each takes a third of the time of mapping, so two are made at a time.
+
+    Attributes
+    ----------
+    own : LensTrial
+        With a lens for each photo.
+    everything : Future of LensTrial, or None
+        With two focal lengths and a principal point for each photo as well; None where it is not begun.
+    """
+
+    own: LensTrial
+    everything: Future[LensTrial] | None = None
+
+    @classmethod
+    def begun(cls, model: pycolmap.Reconstruction, beside: Executor, *, should_stop: StopCheck) -> ModelTrials:
+        """Return the trials of `model`, which must not change; one goes on in a thread of `beside`."""
+        everything = beside.submit(tried_lenses, model, with_aspect, principal_point=True, should_stop=should_stop)
+        return cls(tried_lenses(model, should_stop=should_stop), everything)
+
+    def with_everything(self, model: pycolmap.Reconstruction, *, should_stop: StopCheck) -> LensTrial:
+        """Return the trial `everything` of `model`, which is made now where it is not begun."""
+        if self.everything is None:
+            return tried_lenses(model, with_aspect, principal_point=True, should_stop=should_stop)
+        return self.everything.result()
 
 
 def _points_of_trial(model: pycolmap.Reconstruction) -> list[int]:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..core.child_process import ChildBeside, ChildFailure, child_beside
+from ..core.child_process import ChildBeside, ChildFailure, ChildrenBeside
 from ..core.errors import CameraError, Cancelled, DiskError
 from ..core.events import StopCheck, never_stop
 from ..core.files import delete_derived, read_json, write_json
@@ -109,16 +109,16 @@ def _match_in_processes(
     matched: Callable[[int], None],
     should_stop: StopCheck,
 ) -> None:
-    with contextlib.ExitStack() as context:
-        children: list[ChildBeside] = []
+    with ChildrenBeside() as work:
         counts = []
         for index, share in enumerate(shares):
             part = folder / f"{index:03d}" / "database.db"
             part.parent.mkdir(parents=True)
             _copy_features(database, part, {name for pair in share for name in pair})
             arguments = {"database": str(part), "pairs": share, "seed": seed}
-            children.append(context.enter_context(child_beside("cameras.matching:match_share", arguments, what=_WHAT)))
+            work.begin("cameras.matching:match_share", arguments, what=_WHAT)
             counts.append(_count_file(part))
+        children = work.take()
         while children:
             running = [child for child in children if not child.finished]
             for child in children:

@@ -42,6 +42,8 @@ _RATIO = 0.8
 """Lowe's ratio: the distance of a match at most, relative to the second nearest descriptor."""
 _MAX_PARTNERS = 40
 """Photos that a photo is matched with at most because of its quick matches."""
+_PHOTOS_AT_A_TIME = 8
+"""Photos that one photo is compared with in one product: 3 MB with 300 features of each."""
 _SIMILAR = 60
 """Similar photos that a photo is compared with."""
 _NEXT_PHOTOS = 2
@@ -123,6 +125,24 @@ def promising_pairs(
     ----------
     Wu, "Towards linear-time incremental structure from motion", 3DV 2013, section 3 (preemptive matching).
     """
+    # A thread of ours for each core, and none of BLAS: its product of two photos on two threads takes 8 times the CPU
+    # time on a busy computer, and its last bits depend on the number of threads.
+    with threadpool_limits(1, "blas"):
+        partners = _partners(descriptors, seed, report, should_stop)
+    count = len(descriptors)
+    kept: set[Pair] = set()
+    for i in range(count):
+        for rank, (negative, j) in enumerate(sorted(partners[i])[:_MAX_PARTNERS]):
+            if -negative >= MIN_QUICK_MATCHES or rank < neighbours:
+                kept.add((min(i, j), max(i, j)))
+        kept.update((i, j) for j in range(i + 1, min(count, i + 1 + _NEXT_PHOTOS)))
+    return sorted(kept)
+
+
+def _partners(
+    descriptors: Sequence[Float32], seed: int, report: Callable[[float], None], should_stop: StopCheck
+) -> list[list[tuple[int, int]]]:
+    """Return the photos that each photo is compared with, each after the negative of the quick matches with it."""
     count = len(descriptors)
     if count <= EVERY_PAIR_UP_TO:
         compared = all_pairs(count)
@@ -133,13 +153,11 @@ def promising_pairs(
         later[i].append(j)
 
     def compare(i: int) -> list[int]:
-        return [quick_matches(descriptors[i], descriptors[j]) for j in later[i]]
+        return quick_matches_with_each(descriptors[i], [descriptors[j] for j in later[i]])
 
     partners: list[list[tuple[int, int]]] = [[] for _ in range(count)]
     done = 0
-    # A thread of ours for each core, and none of BLAS: its product of two photos on two threads takes 8 times the CPU
-    # time on a busy computer, and its last bits depend on the number of threads.
-    with threadpool_limits(1, "blas"), ThreadPoolExecutor(max_workers=len(usable_cores())) as pool:
+    with ThreadPoolExecutor(max_workers=len(usable_cores())) as pool:
         try:
             for i, quick in enumerate(pool.map(compare, range(count))):
                 for j, found in zip(later[i], quick, strict=True):
@@ -151,18 +169,45 @@ def promising_pairs(
                     raise Cancelled("Stopped while selecting pairs of photos. The next run continues from here.")
         finally:
             pool.shutdown(cancel_futures=True)
-    kept: set[Pair] = set()
-    for i in range(count):
-        for rank, (negative, j) in enumerate(sorted(partners[i])[:_MAX_PARTNERS]):
-            if -negative >= MIN_QUICK_MATCHES or rank < neighbours:
-                kept.add((min(i, j), max(i, j)))
-        kept.update((i, j) for j in range(i + 1, min(count, i + 1 + _NEXT_PHOTOS)))
-    return sorted(kept)
+    return partners
 
 
 def quick_matches(first: Float32, second: Float32) -> int:
     """Return the number of mutual best matches between descriptors [K, 128] that pass Lowe's ratio test."""
     return len(quick_match_rows(first, second))
+
+
+def quick_matches_with_each(first: Float32, others: Sequence[Float32]) -> list[int]:
+    """Return `quick_matches` of descriptors [K, 128] with those of each other photo.
+
+    Several photos at a time: threads that compare one pair after the other wait for Python's lock most of the time.
+    """
+    if len(first) < 2:
+        return [0] * len(others)
+    found: list[int] = []
+    for start in range(0, len(others), _PHOTOS_AT_A_TIME):
+        some = others[start : start + _PHOTOS_AT_A_TIME]
+        count = max(2, *map(len, some))
+        block = np.zeros((len(some), count, first.shape[1]), np.float32)
+        for rows, one in zip(block, some, strict=True):
+            rows[: len(one)] = one
+        cosine = (first @ block.reshape(-1, first.shape[1]).T).reshape(len(first), len(some), count)
+        for number, one in enumerate(some):
+            cosine[:, number, len(one) :] = -1.0
+        best = cosine.argmax(axis=2)[:, :, None]
+        nearest = np.take_along_axis(cosine, best, axis=2)
+        mutual = np.take_along_axis(cosine.max(axis=0)[None], best, axis=2) == nearest
+        np.put_along_axis(cosine, best, -1.0, axis=2)
+        distinct = _is_distinct(nearest[:, :, 0], cosine.max(axis=2))
+        matches = (mutual[:, :, 0] & distinct).sum(axis=0)
+        found += [int(matches[number]) if len(one) >= 2 else 0 for number, one in enumerate(some)]
+    return found
+
+
+def _is_distinct(nearest: Float32, runner_up: Float32) -> NDArray[np.bool_]:
+    """Return which matches pass Lowe's ratio test, from the cosines to the nearest two descriptors."""
+    # For unit vectors |a - b|^2 = 2 - 2 cosine, so the ratio of distances is squared here.
+    return np.asarray((1.0 - nearest) < _RATIO**2 * (1.0 - runner_up))
 
 
 def quick_match_rows(first: Float32, second: Float32) -> NDArray[np.intp]:
@@ -176,8 +221,5 @@ def quick_match_rows(first: Float32, second: Float32) -> NDArray[np.intp]:
     # A match is mutual when it is the maximum of its column. An argmax over the columns takes five times as long.
     mutual = cosine.max(axis=0)[best] == nearest
     cosine[rows, best] = -1.0
-    runner_up = cosine.max(axis=1)
-    # For unit vectors |a - b|^2 = 2 - 2 cosine, so the ratio of distances is squared here.
-    distinct = (1.0 - nearest) < _RATIO**2 * (1.0 - runner_up)
-    chosen = mutual & distinct
+    chosen = mutual & _is_distinct(nearest, cosine.max(axis=1))
     return np.stack([rows[chosen], best[chosen]], axis=1)

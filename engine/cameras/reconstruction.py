@@ -15,7 +15,10 @@ from ..scene import Camera, CameraHealth, CameraSet
 from .colmap import pycolmap
 from .normalise import normalised_points, normalised_viewmat, original_from_world
 
-__all__ = ["camera_in_photo", "camera_set", "is_rotation", "is_scaled", "points_of", "viewmat_of"]
+__all__ = ["camera_in_photo", "camera_set", "is_rotation", "is_scaled", "points_of", "rounded", "viewmat_of"]
+
+_DECIMALS, _DIGITS = 8, 9
+"""Decimals and significant digits of estimated cameras, see `rounded`."""
 
 
 def viewmat_of(image: pycolmap.Image) -> Float64:
@@ -101,3 +104,32 @@ def camera_set(
         poses_given=poses_given,
         health=health,
     )
+
+
+def rounded(found: CameraSet) -> CameraSet:
+    """Return estimated cameras without the digits in which processors and libraries differ.
+
+    These are the last ones of double precision, and training makes them visible. View matrices and the similarity to
+    COLMAP's frame, which is as large, keep 8 decimals, less than a thousandth of a pixel; lenses and the error keep 9
+    significant digits. Points are in single precision already.
+    """
+    return dataclasses.replace(
+        found,
+        cameras=tuple(
+            dataclasses.replace(
+                camera, params=tuple(_significant(value) for value in camera.params), viewmat=_decimal(camera.viewmat)
+            )
+            for camera in found.cameras
+        ),
+        original_from_world=_decimal(found.original_from_world),
+        reprojection_error=_significant(found.reprojection_error),
+    )
+
+
+def _significant(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
+
+def _decimal(matrix: Float64) -> Float64:
+    # Adding zero makes negative zeros positive.
+    return matrix.round(_DECIMALS) + 0.0

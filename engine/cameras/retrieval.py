@@ -11,11 +11,13 @@ Sivic, Zisserman, "Video Google: a text retrieval approach to object matching in
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arrays import Float32
+from ..core.system import usable_cores
 
 __all__ = ["similar_pairs"]
 
@@ -40,7 +42,8 @@ def similar_pairs(descriptors: Sequence[Float32], *, partners: int, seed: int) -
     """
     every = np.concatenate(list(descriptors))
     words = every[np.random.default_rng(seed).permutation(len(every))[:_WORDS]]
-    counts = np.stack([_counts(features, words) for features in descriptors])
+    with ThreadPoolExecutor(max_workers=len(usable_cores())) as pool:
+        counts = np.stack(list(pool.map(lambda features: _counts(features, words), descriptors)))
     photos_of_word = np.maximum((counts > 0).sum(axis=0), 1)
     vectors = (np.sqrt(counts) * np.log(len(counts) / photos_of_word)).astype(np.float32)
     vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9)

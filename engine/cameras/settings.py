@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
-from ..core.settings import require
+from ..core.settings import require, require_choices
 
 __all__ = ["CameraModel", "CameraSettings"]
 
@@ -47,7 +47,7 @@ class CameraSettings:
 
     max_side: int = 1000
     max_features: int = 2500
-    first_octave: int = -1
+    first_octave: Literal[-1, 0, 1] = -1
     model: CameraModel = "SIMPLE_RADIAL"
     exhaustive_up_to: int = 16
     neighbours: int = 8
@@ -58,8 +58,7 @@ class CameraSettings:
     def __post_init__(self) -> None:
         require(self, "max_side", self.max_side >= 64, "at least 64")
         require(self, "max_features", self.max_features >= 100, "at least 100")
-        require(self, "first_octave", self.first_octave in (-1, 0, 1), "-1, 0 or 1")
-        require(self, "model", self.model in get_args(CameraModel), f"one of {', '.join(get_args(CameraModel))}")
+        require_choices(self)
         require(self, "exhaustive_up_to", self.exhaustive_up_to >= 2, "at least 2")
         require(self, "neighbours", self.neighbours >= 2, "at least 2")
         require(self, "min_registered", self.min_registered >= 3, "at least 3")

@@ -7,8 +7,11 @@ and matched pairs are kept, and mapping starts again. See docs/design_notes/came
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
+
+from threadpoolctl import threadpool_limits
 
 from ..core.errors import CameraError
 from ..core.events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
@@ -21,9 +24,9 @@ from .feature_scales import size_gap
 from .features import SfmWorkspace, match_features
 from .health import TURNED, judge, refuted_images
 from .lens_groups import map_with_lenses
-from .lens_trials import LensTrial
+from .lens_trials import ModelTrials
 from .mirrored import mirrored_photos
-from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
+from .reconstruction import camera_in_photo, camera_set, points_of, rounded, viewmat_of
 from .settings import CameraSettings
 from .still_background import still_background
 
@@ -89,18 +92,9 @@ def estimate_cameras(
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    models, own = map_with_lenses(workspace, lambda: _map(workspace, progress, should_stop), should_stop=should_stop)
-    largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
-    placed = largest.num_reg_images() if largest is not None else 0
-    still = still_background(workspace) if placed < count else None
-    if largest is None or placed < settings.min_registered:
-        cause = _cause(workspace, should_stop) if still is None else still.sentence
-        raise CameraError(f"Only {placed} of {count} photos could be placed. {cause}")
-    if still is not None:
-        emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
-    _warn_of_other_models(workspace, models, largest, emit)
-    progress(_MAPPED, "checking the cameras")
-    result = _as_camera_set(workspace, largest, _check(workspace, models, largest, own, should_stop))
+    # Threads of BLAS wait by spinning: on 16 cores the checks of 300 photos took 606 CPU s, and twice as long.
+    with ThreadPoolExecutor(1, "lens trial") as beside, threadpool_limits(1, "blas"):
+        result, placed = _mapped_and_checked(workspace, progress, beside, emit, should_stop)
     health = result.health
     if health is not None and health.colour != "green":
         emit(Warned(health.sentence))
@@ -111,6 +105,30 @@ def estimate_cameras(
     placed = len(result.cameras)
     progress(1.0, f"{placed} of {count} photos {'have cameras, which the photos refute' if refuted else 'placed'}")
     return result
+
+
+def _mapped_and_checked(
+    workspace: SfmWorkspace, progress: _ProgressReporter, beside: Executor, emit: Emit, should_stop: StopCheck
+) -> tuple[CameraSet, int]:
+    """Return the cameras of the largest model, and the number of photos that it places."""
+    count, least = len(workspace.copies), workspace.settings.min_registered
+    models, trials = map_with_lenses(
+        workspace,
+        lambda names: _map(workspace, names, progress, should_stop),
+        beside=beside,
+        should_stop=should_stop,
+    )
+    largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+    placed = largest.num_reg_images() if largest is not None else 0
+    still = still_background(workspace) if placed < count else None
+    if largest is None or placed < least:
+        cause = _cause(workspace, should_stop) if still is None else still.sentence
+        raise CameraError(f"Only {placed} of {count} photos could be placed. {cause}")
+    if still is not None:
+        emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
+    _warn_of_other_models(workspace, models, largest, emit)
+    progress(_MAPPED, "checking the cameras")
+    return _as_camera_set(workspace, largest, _check(workspace, models, largest, trials, should_stop)), placed
 
 
 class _ProgressReporter:
@@ -132,8 +150,10 @@ class _ProgressReporter:
         self._emit(Progress(_STAGE, fraction, left, message))
 
 
-def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: StopCheck) -> list[pycolmap.Reconstruction]:
-    """Return the models that COLMAP maps, in its order."""
+def _map(
+    workspace: SfmWorkspace, names: Sequence[str], progress: _ProgressReporter, should_stop: StopCheck
+) -> list[pycolmap.Reconstruction]:
+    """Return the models that COLMAP maps of the photos of these names, of all without names, in its order."""
     settings = workspace.settings
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = settings.seed
@@ -149,9 +169,10 @@ def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: Stop
     # Refine all cameras when the model has grown by 30 % (COLMAP: 10 %), and at the end: the same poses in less time.
     options.ba_global_frames_ratio = 1.3
     options.ba_global_points_ratio = 1.3
+    options.image_names = list(names)
     delete_derived(workspace.sparse.parent, workspace.sparse.name)
     workspace.sparse.mkdir(parents=True)
-    count = len(workspace.copies)
+    count = len(names) or len(workspace.copies)
     placed = 0
 
     def on_initial_pair() -> None:
@@ -245,7 +266,7 @@ def _check(
     workspace: SfmWorkspace,
     models: list[pycolmap.Reconstruction],
     model: pycolmap.Reconstruction,
-    own: LensTrial | None,
+    trials: ModelTrials | None,
     should_stop: StopCheck,
 ) -> CameraHealth:
     """Return what the photos say against the cameras of `model`."""
@@ -265,7 +286,7 @@ def _check(
         other_models=tuple(tuple(sorted(set(_photo_names(workspace, other)) - kept)) for other in models),
         mirrored=(mirrored := _mirrored(workspace, should_stop)),
         mirrored_placed=tuple(name for name in mirrored if name in kept),
-        **measure_model(model, own, should_stop=should_stop),  # type: ignore[arg-type]
+        **measure_model(model, trials, should_stop=should_stop),  # type: ignore[arg-type]
     )
     refuted = [workspace.copy_of(model.image(image_id).name).photo.name for image_id in refuted_images(pairs)]
     return judge(evidence, refuted=sorted(refuted))
@@ -286,12 +307,14 @@ def _as_camera_set(workspace: SfmWorkspace, model: pycolmap.Reconstruction, heal
             camera_in_photo(photo.name, model.camera(image.camera_id), photo.width, photo.height, viewmat_of(image))
         )
     points, colors = points_of(model)
-    return camera_set(
-        cameras,
-        (photo.name for photo in workspace.photo_set.photos),
-        points,
-        colors,
-        reprojection_error=model.compute_mean_reprojection_error(),
-        poses_given=False,
-        health=health,
+    return rounded(
+        camera_set(
+            cameras,
+            (photo.name for photo in workspace.photo_set.photos),
+            points,
+            colors,
+            reprojection_error=model.compute_mean_reprojection_error(),
+            poses_given=False,
+            health=health,
+        )
     )

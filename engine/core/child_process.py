@@ -12,15 +12,15 @@ import importlib
 import json
 import logging
 import os
-import subprocess
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, Literal
+from types import TracebackType
+from typing import IO, Any, Literal, Self
 
 from . import errors
-from .engine_process import engine_command, engine_environment
+from .engine_process import EngineProcess, engine_command, engine_environment
 from .errors import Cancelled, HeritageError, is_out_of_memory
 from .events import StopCheck, never_stop
 from .files import parse_json
@@ -30,16 +30,14 @@ from .system import (
     end_with_parent,
     exit_cause,
     ignore_signals_of_the_terminal,
-    kill_group,
     killed_for_memory,
     killed_for_time,
     memory_limited,
     no_core_dumps,
-    own_group,
     wall_seconds_limited,
 )
 
-__all__ = ["ChildBeside", "ChildFailure", "child_beside", "run_in_child"]
+__all__ = ["ChildBeside", "ChildFailure", "ChildrenBeside", "child_beside", "run_in_child"]
 
 _LOG = logging.getLogger(__name__)
 _ENGINE = str(__package__).rpartition(".")[0]
@@ -52,7 +50,6 @@ _MAX_START_SECONDS = 300.0
 """Imports of a child on a slow disk; they do not count as work."""
 _POLL_SECONDS = 0.05
 _MAX_ANSWER_BYTES = 16 << 20
-_MAX_ERRORS_BYTES = 64 << 10
 _READY = b"\n"
 
 
@@ -119,15 +116,16 @@ def run_in_child(
     ModuleNotFoundError
         When a package is not installed.
     """
-    with _started(python) as (process, answer, complaints):
-        _send(process, _request(function, arguments, max_memory, max_seconds))
+    answer = _Answer()
+    with _started(answer, python) as process:
+        process.send(_request(function, arguments, max_memory, max_seconds))
         in_time = _wait(process, answer, max_seconds, what, should_stop)
     if should_stop():
         # What asks this process to stop may have ended the child too.
         raise Cancelled(f"Stopped while {what}. The next run continues from here.")
-    if not in_time or killed_for_time(process.returncode):
+    if not in_time or killed_for_time(_code_of(process)):
         raise ChildFailure(f"{_sentence(what)} took more than {max_seconds:.3g} s.", "time")
-    return _outcome(process.returncode, answer.text(), complaints.text(), max_memory, what)
+    return _outcome(process, answer, max_memory, what)
 
 
 @contextlib.contextmanager
@@ -141,21 +139,33 @@ def child_beside(function: str, arguments: dict[str, Any], *, what: str) -> Iter
     function, arguments, what
         See `run_in_child`.
     """
-    with _started() as (process, answer, complaints):
-        _send(process, _request(function, arguments, None, None))
-        yield ChildBeside(process, answer, complaints, what)
+    answer = _Answer()
+    with _started(answer) as process:
+        process.send(_request(function, arguments, None, None))
+        yield ChildBeside(process, answer, what)
 
 
 class ChildBeside:
     """Work in a child process that runs in parallel to this one, from `child_beside`."""
 
-    def __init__(self, process: subprocess.Popen[bytes], answer: _Collector, complaints: _Collector, what: str) -> None:
-        self._process, self._answer, self._complaints, self._what = process, answer, complaints, what
+    def __init__(self, process: EngineProcess, answer: _Answer, what: str) -> None:
+        self._process, self._answer, self._what = process, answer, what
 
     @property
     def finished(self) -> bool:
         """Whether the child has ended."""
-        return self._process.poll() is not None
+        return not self._process.poll()
+
+    def result(self) -> Any:
+        """Wait for the child's end and return its function's result.
+
+        Raises
+        ------
+        HeritageError, ChildFailure, ModuleNotFoundError
+            As `run_in_child`.
+        """
+        self._process.wait()
+        return self.end()
 
     def end(self) -> Any | None:
         """End the child and return its function's result, None when it had not finished.
@@ -167,14 +177,37 @@ class ChildBeside:
         HeritageError, ChildFailure, ModuleNotFoundError
             As `run_in_child`.
         """
-        finished = self._process.poll() is not None
-        kill_group(self._process)
+        finished = self.finished
+        self._process.close()
         # A process whose other threads are still ending is not reported yet, though its exit code is fixed.
-        if self._process.wait() != 0 and not finished:
+        if self._process.code != 0 and not finished:
             return None
-        for stream in (self._answer, self._complaints):
-            stream.end()
-        return _outcome(self._process.returncode, self._answer.text(), self._complaints.text(), None, self._what)
+        return _outcome(self._process, self._answer, None, self._what)
+
+
+class ChildrenBeside:
+    """Children of `child_beside`, each from its start until it is ended; a context at whose end they are dead."""
+
+    def __init__(self) -> None:
+        self._context = contextlib.ExitStack()
+        self._children: list[ChildBeside] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._context.close()
+
+    def begin(self, function: str, arguments: dict[str, Any], *, what: str) -> None:
+        """Start a child, see `child_beside`."""
+        self._children.append(self._context.enter_context(child_beside(function, arguments, what=what)))
+
+    def take(self) -> list[ChildBeside]:
+        """Return the children that were started since the last call, for the caller to end them."""
+        children, self._children = self._children, []
+        return children
 
 
 def _request(function: str, arguments: dict[str, Any], max_memory: int | None, max_seconds: float | None) -> bytes:
@@ -182,94 +215,60 @@ def _request(function: str, arguments: dict[str, Any], max_memory: int | None, m
     return json.dumps(request).encode("ascii") + b"\n"
 
 
-class _Collector:
-    """Reads a pipe of the child to its end in a thread and keeps the first `limit` bytes."""
+class _Answer:
+    """The first bytes that a child writes."""
 
-    def __init__(self, stream: IO[bytes], limit: int) -> None:
+    def __init__(self) -> None:
         self.started = threading.Event()
-        self._stream, self._limit, self._data = stream, limit, bytearray()
-        self._thread = threading.Thread(target=self._collect, daemon=True)
-        self._thread.start()
+        self._data = bytearray()
 
-    def _collect(self) -> None:
-        while chunk := os.read(self._stream.fileno(), 1 << 16):
-            self._data += chunk[: self._limit + 1 - len(self._data)]
+    def read(self, stream: IO[bytes]) -> None:
+        """Read a pipe to its end."""
+        while chunk := os.read(stream.fileno(), 1 << 16):
+            self._data += chunk[: _MAX_ANSWER_BYTES + 1 - len(self._data)]
             self.started.set()
-
-    def end(self) -> None:
-        """Wait for the end of the pipe, then close it."""
-        self._thread.join()
-        self._stream.close()
 
     def text(self) -> str:
         return self._data.decode("utf-8", errors="replace").strip()
 
 
-@contextlib.contextmanager
-def _started(python: Path | None = None) -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector]]:
-    """Start a child and yield it with its answer and its standard error; at the end it is dead, whatever happened."""
+def _started(answer: _Answer, python: Path | None = None) -> EngineProcess:
+    """Start a child that writes to `answer`. It ends when its standard input does, which stays open."""
     if python is None:
         module, root = _MODULE, _ROOT
     else:
         # There, the engine is a package of its own, whatever it is part of here.
         module, root = _OWN_MODULE, CODE_ROOT
-    process = subprocess.Popen(
-        engine_command(python=python, module=module),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        bufsize=0,
-        env=engine_environment(root=root, other_python=python is not None),
-        **own_group(),
-    )
-    assert process.stdin and process.stdout and process.stderr
-    answer = _Collector(process.stdout, _MAX_ANSWER_BYTES)
-    complaints = _Collector(process.stderr, _MAX_ERRORS_BYTES)
-    try:
-        yield process, answer, complaints
-    finally:
-        kill_group(process)
-        process.wait()
-        process.stdin.close()
-        answer.end()
-        complaints.end()
+    environment = engine_environment(root=root, other_python=python is not None)
+    return EngineProcess.start(engine_command(python=python, module=module), environment, answer.read)
 
 
-def _send(process: subprocess.Popen[bytes], request: bytes) -> None:
-    """Write the request. The pipe stays open: the child ends when it closes."""
-    assert process.stdin
-    # A child that died already is reported by its exit code.
-    with contextlib.suppress(BrokenPipeError):
-        view = memoryview(request)
-        while view:
-            view = view[process.stdin.write(view) :]
-
-
-def _wait(
-    process: subprocess.Popen[bytes], answer: _Collector, max_seconds: float, what: str, should_stop: StopCheck
-) -> bool:
+def _wait(process: EngineProcess, answer: _Answer, max_seconds: float, what: str, should_stop: StopCheck) -> bool:
     """Return whether the child ended in time."""
     deadline, working = time.monotonic() + _MAX_START_SECONDS, False
-    while True:
-        try:
-            process.wait(_POLL_SECONDS)
-            return True
-        except subprocess.TimeoutExpired:
-            pass
+    while not process.wait(_POLL_SECONDS):
         if should_stop():
             raise Cancelled(f"Stopped while {what}. The next run continues from here.")
         if not working and answer.started.is_set():
             deadline, working = time.monotonic() + max_seconds, True
         if time.monotonic() > deadline:
             return False
+    return True
 
 
-def _outcome(code: int, answer: str, complaints: str, max_memory: int | None, what: str) -> Any:
-    """Return the result in `answer` of a child that ended with `code`, or raise what ended it."""
+def _outcome(process: EngineProcess, answer: _Answer, max_memory: int | None, what: str) -> Any:
+    """Return the result in `answer` of a child that has ended, or raise what ended it."""
+    code = _code_of(process)
     if code != 0:
+        complaints = process.complaints()
         _LOG.error("The child process failed with code %d while %s: %s", code, what, complaints)
         _raise_death(code, complaints, max_memory, what)
-    return _result(answer, max_memory, what)
+    return _result(answer.text(), max_memory, what)
+
+
+def _code_of(process: EngineProcess) -> int:
+    assert process.code is not None
+    return process.code
 
 
 def _raise_death(code: int, text: str, max_memory: int | None, what: str) -> None:

@@ -5,12 +5,14 @@ Settings are frozen dataclasses in the package that reads them; defaults are wri
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from .errors import SettingsError
 
-__all__ = ["require", "to_dict"]
+__all__ = ["require", "require_choices", "to_dict"]
 
 
 def require(settings: object, field_name: str, condition: bool, bound: str) -> None:
@@ -18,6 +20,18 @@ def require(settings: object, field_name: str, condition: bool, bound: str) -> N
     if not condition:
         value = getattr(settings, field_name)
         raise SettingsError(f"`{type(settings).__name__}.{field_name}` must be {bound}, got {value!r}.")
+
+
+def require_choices(settings: object) -> None:
+    """Raise `SettingsError` unless each setting whose type is a `Literal` has one of its values."""
+    kind: Any = type(settings)  # mypy takes no type[object] for hashable
+    for name, allowed in _choices_of(kind).items():
+        require(settings, name, getattr(settings, name) in allowed, f"one of {', '.join(map(str, allowed))}")
+
+
+@functools.cache
+def _choices_of(kind: type) -> Mapping[str, tuple[object, ...]]:
+    return {name: get_args(hint) for name, hint in get_type_hints(kind).items() if get_origin(hint) is Literal}
 
 
 def to_dict(settings: object) -> dict[str, Any]:

@@ -17,26 +17,28 @@ _BINS = 1 << 14
 """Steps of the range of the numbers, each of which counts as one value with a weight."""
 _COARSE_BINS = 512
 """Steps of the range in which the density of the numbers is found, for the start."""
+_NUMBERS = 256
+"""Largest number of numbers in a codebook: a byte says which."""
 _ROUNDS = 30
 """Rounds of Lloyd's algorithm; the error then falls by less than a thousandth in a round."""
 
 
-def codebook(values: NDArray[np.floating], count: int = 256) -> tuple[Float32, NDArray[np.intp]]:
-    """Return `count` numbers or fewer, ascending, and for each of `values`, of any shape, which of them is nearest.
+def codebook(values: NDArray[np.floating]) -> tuple[Float32, NDArray[np.intp]]:
+    """Return 256 numbers or fewer, ascending, and for each of `values`, of any shape, which of them is nearest.
 
     The numbers are those of Lloyd's algorithm, started where a density to the power of a third puts them, which is best
     for many numbers (Panter and Dite 1951).
     """
     flat = values.astype(np.float64).ravel()
     found = np.unique(flat)
-    if len(found) > count:
+    if len(found) > _NUMBERS:
         low, high = found[0], found[-1]
         places = np.minimum(((flat - low) * (_BINS / (high - low))).astype(np.intp), _BINS - 1)
         weights = np.bincount(places, minlength=_BINS)
         sums = np.bincount(places, flat, _BINS)
         filled = weights > 0
         weights, points = weights[filled], sums[filled] / weights[filled]
-        found = _lloyd(points, weights.astype(np.float64), count)
+        found = _lloyd(points, weights.astype(np.float64), _NUMBERS)
     book = found.astype(np.float32)
     middles = (book[1:].astype(np.float64) + book[:-1]) / 2
     return book, np.searchsorted(middles, flat).reshape(values.shape)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..core.arrays import Float64
 from ..core.errors import NumericalError
-from ..scene import Gaussians, rotations_from_quats
+from ..scene import Gaussians, rotations_from_quats, unit_quats
 from .spherical_harmonics import orthogonal_sh_matrix
 
 __all__ = ["AffineMap", "logits_of", "quats_from_rotations", "transform_gaussians"]
@@ -183,8 +183,7 @@ def quats_from_rotations(rotations: Float64) -> Float64:
         ],
         axis=1,
     )
-    quats = candidates[np.arange(len(r)), squares.argmax(axis=1)]
-    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    quats = unit_quats(candidates[np.arange(len(r)), squares.argmax(axis=1)])
     positive: Float64 = np.where(quats[:, :1] < 0, -quats, quats)
     return positive
 

@@ -7,17 +7,15 @@ one photo's work.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import logging
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
-from ..core.child_process import ChildBeside, child_beside
+from ..core.child_process import ChildrenBeside
 from ..core.errors import HeritageError
 from ..core.events import never_stop
 from ..core.settings import to_dict
@@ -56,7 +54,7 @@ class BesideCost:
     problem: str = ""
 
 
-class MasksBeside:
+class MasksBeside(ChildrenBeside):
     """Makes label maps in child processes from `start` to `end`; a context at whose end they are dead.
 
     Parameters
@@ -83,6 +81,7 @@ class MasksBeside:
         *,
         n_processes: int = 1,
     ) -> None:
+        super().__init__()
         self._arguments = {
             "photos_file": str(photos_file),
             "photo_folder": str(photo_folder),
@@ -91,33 +90,22 @@ class MasksBeside:
         }
         count = max(1, min(n_processes, len(names) // MIN_PHOTOS_EACH))
         self._shares = [list(names[number::count]) for number in range(count)]
-        self._context = contextlib.ExitStack()
-        self._children: list[ChildBeside] = []
         self._label_maps = [label_map_path(folder, name) for name in names]
         self._started, self._n_kept = 0.0, 0
-
-    def __enter__(self) -> MasksBeside:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self._context.close()
 
     def start(self) -> None:
         """Start the children."""
         self._n_kept = sum(path.exists() for path in self._label_maps)
         for names in self._shares:
             given = {**self._arguments, "names": names}
-            work = child_beside("masks.beside:make_masks_in_child", given, what="segmenting photos")
-            self._children.append(self._context.enter_context(work))
+            self.begin("masks.beside:make_masks_in_child", given, what="segmenting photos")
         self._started = time.perf_counter()
 
     def end(self) -> BesideCost | None:
         """End the children and return their cost, None when none were started. Some label maps may be missing."""
-        if not self._children:
+        children = self.take()
+        if not children:
             return None
-        children, self._children = self._children, []
         so_far = time.perf_counter() - self._started
         seconds, memory, problem = [], list[int | None](), ""
         for child in children:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ..core.settings import require
+from ..core.settings import require, require_choices
 
 __all__ = ["EMBEDDING_BYTES", "INSTANCE_COSINE", "MAX_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
 
@@ -85,10 +85,8 @@ class MaskSettings:
         require(self, "min_area", self.min_area >= 1, "at least 1")
         require(self, "large_fraction", 0 < self.large_fraction <= 1, "above 0, at most 1")
         require(self, "grid", 0 <= self.grid <= 64, "between 0 and 64")
-        require(self, "generator", self.generator in ("free", "published"), "'free' or 'published'")
+        require_choices(self)
         require(self, "grid", self.grid >= 1 or self.generator == "free", "at least 1 for the published generator")
-        require(self, "scales", self.scales in ("all", "whole"), "'all' or 'whole'")
-        require(self, "painting", self.painting in ("size", "score"), "'size' or 'score'")
         require(self, "model", self.model in SAM_MODELS, f"one of {', '.join(SAM_MODELS)}")
 
 

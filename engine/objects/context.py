@@ -22,6 +22,7 @@ from .graph import SceneGraph, load_or_build_graph, read_graph
 from .known_objects import stored_memberships
 from .photos import Photos, SamFactory
 from .settings import DEFAULT_THRESHOLD, SegmentSettings
+from .support import Surfaces, horizontal_surfaces
 from .views import Views
 
 if TYPE_CHECKING:
@@ -117,6 +118,11 @@ class SegmentationContext:
     def means(self) -> Float32:
         """Positions of the N Gaussians, [N, 3]."""
         return self.views.scene.gaussians.means
+
+    @property
+    def surfaces(self) -> Surfaces:
+        """The horizontal surfaces of the scene, found at their first use."""
+        return self.once("surfaces", lambda: horizontal_surfaces(self.views.scene.gaussians))
 
     def part(self, number: int, count: int) -> SegmentationContext:
         """Return the context for step `number` of `count` equal ones, as the progress tells them."""

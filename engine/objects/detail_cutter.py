@@ -219,18 +219,16 @@ class DetailCutter:
             for camera, part in self._parts:
                 resized = _resized(part, self.scale)
                 self.n_reduced += self.scale < 1.0 or max(camera.width, camera.height) > _MAX_SIDE
-                waiting.append(pool.submit(self._crop, camera, resized, self._coverage(_map_camera(resized))))
+                waiting.append(pool.submit(self._crop, camera, resized, *self._pictures(_map_camera(resized))))
                 if len(waiting) > 2 * _READERS:
                     yield waiting.pop(0).result()
             yield from (one.result() for one in waiting)
         finally:
             pool.shutdown(cancel_futures=True)
 
-    def _crop(
-        self, camera: Camera, part: PinholeCamera, coverage: tuple[Float32, Float32, Mask, Rendered, Mask]
-    ) -> DetailCrop:
-        """Return a part of a photo with its maps, by what `_coverage` returned."""
-        share, alpha, hidden, isolated, of_trained = coverage
+    def _crop(self, camera: Camera, part: PinholeCamera, in_scene: Rendered, isolated: Rendered) -> DetailCrop:
+        """Return a part of a photo with its maps, by the pictures that `_pictures` returned."""
+        share, alpha, hidden, of_trained = self._coverage(in_scene, isolated)
         small = _map_camera(part)
         pixels, valid = read_part(self.photos, camera, part, small)
         resized = cv2.resize(pixels, (small.width, small.height), interpolation=cv2.INTER_AREA)
@@ -268,30 +266,29 @@ class DetailCutter:
         K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
         return replace(frame, K=K, width=right - left, height=bottom - top)
 
-    def _coverage(self, part: PinholeCamera) -> tuple[Float32, Float32, Mask, Rendered, Mask]:
-        """Return the object's share of each pixel, its coverage by it, where something hides it, and it alone.
-
-        The last is where the trained members make up half of its share.
-        """
+    def _pictures(self, part: PinholeCamera) -> tuple[Rendered, Rendered]:
+        """Return the members, the depth and the trained members in the scene, and colours and depth of these alone."""
         scene: Scene = self.views.scene
         channels = np.column_stack([self.members, scene.depth_of(part), self.left]).astype(np.float32)
         # A card needs time for each new size of picture.
         side = _CARD_SIDE if scene.backend == "gpu" else 1
         width, height = (-(-one // side) * side for one in (part.width, part.height))
         picture, rows = replace(part, width=width, height=height), np.s_[: part.height, : part.width]
-        in_scene, isolated = (
-            Rendered(one.channels[rows], one.alpha[rows])
-            for one in (
-                scene.render(picture, channels=channels),
-                self._alone.render(picture, color=True, channels=self._alone.depth_of(part)[:, None]),
-            )
-        )
+        shown = scene.render(picture, channels=channels)
+        alone = self._alone.render(picture, color=True, channels=self._alone.depth_of(part)[:, None])
+        return Rendered(shown.channels[rows], shown.alpha[rows]), Rendered(alone.channels[rows], alone.alpha[rows])
+
+    def _coverage(self, in_scene: Rendered, isolated: Rendered) -> tuple[Float32, Float32, Mask, Mask]:
+        """Return the object's share of each pixel, its coverage by it, and where something hides it.
+
+        The last is where the trained members make up half of its share.
+        """
         share = in_scene.channels[..., 0]
         # Mean depths are compared, times both alphas, which may be 0.
         farthest = (isolated.channels[..., 3] - self._occluder_distance * isolated.alpha) * in_scene.alpha
         hidden = (share < VISIBLE_SHARE) & (in_scene.channels[..., 1] * isolated.alpha < farthest)
         of_trained = in_scene.channels[..., 2] >= share / 2
-        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, isolated, of_trained
+        return share, np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1), hidden, of_trained
 
 
 def _dilated(mask: Mask, width: int) -> Mask:

@@ -14,12 +14,13 @@ from ..masks import mask_iou
 from .context import SegmentationContext
 from .graph import bounded
 from .settings import DEFAULT_THRESHOLD
+from .support import standing
 from .views import SAME_IOU, Views
 from .votes import MaskEvidence, Votes, count_votes
 
 __all__ = [
     "BELOW_THRESHOLD", "MAX_COMMON", "NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels",
-    "corrected", "fit_of", "is_same", "isolate_kept", "isolate_object", "levels_of_each",
+    "corrected", "fit_of", "is_same", "isolate_kept", "isolate_object", "isolate_proposal", "levels_of_each",
 ]  # fmt: skip
 
 NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
@@ -147,8 +148,14 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     return replace(found, fit=fit_of(shown[0], found.members, context.views))
 
 
+def isolate_proposal(context: SegmentationContext, item: MaskEvidence) -> FoundObject:
+    """Return the object of a proposal, whose members are known, as it stands; errors as of `isolate_object`."""
+    found = _of_proposal(context, item)
+    return replace(found, fit=fit_of(item, found.members, context.views))
+
+
 def isolate_kept(context: SegmentationContext, item: MaskEvidence, key: str) -> FoundObject:
-    """Return the object of known members as `isolate_object` does, without rendering anything.
+    """Return the object of a kept proposal as `isolate_proposal` does, without rendering anything.
 
     Its fit is the IoU with the members in the pixels of all photos of the graph.
 
@@ -167,16 +174,20 @@ def isolate_kept(context: SegmentationContext, item: MaskEvidence, key: str) -> 
     """
     assert item.members is not None
     context = context.with_kept_graph(key)
-    (levels,) = levels_of_each(context, [item])
-    if levels is None:
-        raise PromptError(NONE_BEHIND)
-    found = FoundObject(levels, item.score, 0.0, (item,))
+    found = _of_proposal(context, item)
     both = (csr_matrix(one[None], dtype=np.float32) for one in (found.members, item.members))
     return replace(found, fit=float(context.graph.iou(*both)[0, 0]))
 
 
+def _of_proposal(context: SegmentationContext, item: MaskEvidence) -> FoundObject:
+    (levels,) = levels_of_each(context, [item])
+    if levels is None:
+        raise PromptError(NONE_BEHIND)
+    return FoundObject(levels, item.score, 0.0, (item,))
+
+
 def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence]) -> Iterator[Levels | None]:
-    """Yield the levels of the object that each mask shows, none excluded; None where no Gaussian belongs to it.
+    """Yield the levels of the object of each proposal, as it stands; None where no Gaussian belongs to it.
 
     Several are solved together, which takes less time.
 
@@ -195,13 +206,29 @@ def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence
 def _nested(context: SegmentationContext, solved: Float32, shown: Sequence[MaskEvidence] = ()) -> Levels | None:
     """Return memberships by `_FACTORS`, [7, N], as levels; None where nothing belongs to the object.
 
-    `shown` are the masks that the object has to fit; without any, it is the usual level.
+    `shown` are the masks that the object has to fit; without any, it is the usual level, as it stands.
     """
     # Rounding must not let a level leave the next one.
     levels = np.maximum.accumulate([bounded(one, context.means) for one in solved])
     if not (levels[_USUAL] >= DEFAULT_THRESHOLD).any():
         return None
+    if not shown:
+        levels = _standing(context, levels)
     return _distinct(levels, context.views, _fitting(context, levels >= DEFAULT_THRESHOLD, shown))
+
+
+def _standing(context: SegmentationContext, levels: Float32) -> Float32:
+    """Return levels, [7, N], of which the usual one is the object as it stands (`standing`).
+
+    Its foot belongs to this level and all larger ones, and what carries it only to larger ones.
+    """
+    usual = levels[_USUAL] >= DEFAULT_THRESHOLD
+    whole = standing(usual, context.surfaces, context.means)
+    foot, carrier = whole & ~usual, usual & ~whole
+    changed = levels.copy()
+    changed[: _USUAL + 1, carrier] *= DEFAULT_THRESHOLD
+    changed[_USUAL:, foot] = 1 - (1 - changed[_USUAL:, foot]) * DEFAULT_THRESHOLD
+    return changed
 
 
 def _fitting(context: SegmentationContext, members: Mask, shown: Sequence[MaskEvidence]) -> int:

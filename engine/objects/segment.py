@@ -17,12 +17,12 @@ from .choosing import answers_of, offers_of, whole_versions
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, unknown_word
 from .graph import bounded
-from .lifting import FoundObject, isolate_object, levels_of_each
+from .lifting import MAX_COMMON, FoundObject, is_same, isolate_object, isolate_proposal, levels_of_each
 from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, choose_sets
-from .settings import SURE_SCORE, PaperSettings
+from .settings import DEFAULT_THRESHOLD, SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
 from .votes import MaskEvidence
@@ -153,7 +153,8 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
             scores = looks.scores(text, context)
     if not scores.any():
         raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
-    answers, found = answers_of(looks, scores, context.settings), []
+    found: list[FoundObject] = []
+    answers = answers_of(looks, scores, context.settings)
     if not answers:
         nearest = _LOOKS[likeness(float(scores.max()), SURE_SCORE)]
         raise NoMatchError(
@@ -173,7 +174,10 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
             )
     for done, (number, score) in enumerate(answers, start=1):
         with part("isolating"):
-            found.append(isolate_object(context, [looks.evidence(number, score, context)]))
+            object_ = isolate_proposal(context, looks.evidence(number, score, context))
+        # With its foot, an answer may be the same as a better one.
+        if not any(is_same(object_.members, other.members) for other in found):
+            found.append(object_)
         context.tell(done / len(answers), "Isolating")
     return found
 
@@ -207,6 +211,10 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     each = zip(levels_of_each(context, evidence), looks.names(chosen, context), strict=True)
     for done, (levels, name) in enumerate(each, start=1):
         if levels is None:  # all of it is drawn to what surrounds it
+            continue
+        whole = levels.memberships[levels.chosen] >= DEFAULT_THRESHOLD
+        # The foot of a likelier object may be most of what was chosen.
+        if (whole & taken).sum() > MAX_COMMON * whole.sum():
             continue
         free = (np.where(taken, np.float32(0), one) for one in levels.memberships)
         levels = replace(levels, memberships=tuple(bounded(one, context.means) for one in free))

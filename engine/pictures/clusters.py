@@ -19,34 +19,24 @@ _SAMPLE_SIZE = 3000
 _NEIGHBOUR_COSINE = 0.85
 """Smallest cosine between two neighbouring features, used for the density."""
 
+_MAX_CLUSTERS = 64
+
 _MIN_CLUSTER_SHARE = 0.005
 """Smallest cluster as a share of the sample."""
 
 
-def find_clusters(
-    features: NDArray[np.floating],
-    weights: NDArray[np.floating],
-    *,
-    cosine: float = INSTANCE_COSINE,
-    max_clusters: int = 64,
-    seed: int = 0,
-) -> Float32:
-    """Return the centres of clusters of features, in descending order of density.
+def find_clusters(features: NDArray[np.floating], weights: NDArray[np.floating]) -> Float32:
+    """Return the centres of at most 64 clusters of features, in descending order of density.
 
     In a weighted sample, the feature with the most neighbours (cosine of at least 0.85) becomes the centre of a
-    cluster, and all features within `cosine` of it are removed. This ends when a cluster has less than 0.5 % of the
-    sample.
+    cluster, and all features within `INSTANCE_COSINE` of it are removed. This ends when a cluster has less than 0.5 %
+    of the sample.
 
     Parameters
     ----------
     features : array of shape [N, D], float
     weights : array of shape [N], float
         Non-negative weight of each feature, e.g. the opacity.
-    cosine : float
-        Smallest cosine to the centre within a cluster.
-    max_clusters : int
-    seed : int
-        Random seed of the sample.
 
     Returns
     -------
@@ -58,20 +48,20 @@ def find_clusters(
     if probability.sum() == 0:
         return np.zeros((0, unit.shape[1]), np.float32)
     size = min(_SAMPLE_SIZE, int((probability > 0).sum()))
-    rows = np.random.default_rng(seed).choice(len(unit), size=size, replace=False, p=probability / probability.sum())
+    rows = np.random.default_rng(0).choice(len(unit), size=size, replace=False, p=probability / probability.sum())
     sample = unit[rows]
     cosines = sample @ sample.T
-    near = cosines >= max(_NEIGHBOUR_COSINE, cosine)
+    near = cosines >= max(_NEIGHBOUR_COSINE, INSTANCE_COSINE)
     free = np.ones(size, bool)
     centers: list[Float32] = []
-    while len(centers) < max_clusters and free.any():
+    while len(centers) < _MAX_CLUSTERS and free.any():
         density = (near & free[None, :]).sum(axis=1) * free
         densest = int(density.argmax())
         if density[densest] < max(1, _MIN_CLUSTER_SHARE * size):
             break
         center = normalized(sample[near[densest] & free].mean(axis=0))
         centers.append(center)
-        free &= (sample @ center < cosine) & (cosines[densest] < cosine)
+        free &= (sample @ center < INSTANCE_COSINE) & (cosines[densest] < INSTANCE_COSINE)
     return np.stack(centers) if centers else np.zeros((0, unit.shape[1]), np.float32)
 
 

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any
 
 from ..cameras.settings import CameraModel, CameraSettings
-from ..core.child_process import ChildBeside, child_beside
+from ..core.child_process import ChildrenBeside
 from ..core.errors import HeritageError
 from ..core.events import Emit, Preview, StopCheck, ignore_events, never_stop
 from ..core.files import delete_derived
@@ -41,7 +41,7 @@ _TRAINING = PRESETS["preview"].changed(
 )  # fmt: skip  # chosen on museum_room
 
 
-class FirstPicture:
+class FirstPicture(ChildrenBeside):
     """Makes the picture from `start` to `end`; a context at whose end the process is dead and its files are deleted.
 
     Parameters
@@ -56,6 +56,7 @@ class FirstPicture:
     """
 
     def __init__(self, project: Path, photo_set: PhotoSet, lens: CameraModel, emit: Emit) -> None:
+        super().__init__()
         self._project, self._emit = project, emit
         names = sorted(photo.name for photo in photo_set.photos)
         self._arguments = {
@@ -65,30 +66,24 @@ class FirstPicture:
             "folder": str(project / FOLDER),
             "lens": lens,
         }
-        self._context = contextlib.ExitStack()
-        self._child: ChildBeside | None = None
         self._seen = 0
-
-    def __enter__(self) -> FirstPicture:
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._context.close()
+        super().__exit__(kind, error, traceback)
         delete_derived(self._project, FOLDER)
 
     def start(self) -> None:
         """Start the process."""
         delete_derived(self._project, FOLDER)
-        work = child_beside("pipeline.first_picture:make_first_picture", self._arguments, what="making a first picture")
-        self._child = self._context.enter_context(work)
+        self.begin("pipeline.first_picture:make_first_picture", self._arguments, what="making a first picture")
 
     def watched_by(self, should_stop: StopCheck) -> StopCheck:
         """Return `should_stop` that also emits a `Preview` when there is a new picture."""
 
         def look_and_ask() -> bool:
-            if self._child is not None:
+            if self._children:
                 self._look()
             return should_stop()
 
@@ -104,15 +99,13 @@ class FirstPicture:
 
     def end(self) -> None:
         """End the process: the training shows its own pictures. The last picture stays until the context ends."""
-        if self._child is None:
-            return
-        child, self._child = self._child, None
-        with part("first picture"):
-            try:
-                child.end()
-            except HeritageError as error:
-                # Too few of these photos overlap, which says nothing about all photos.
-                _LOG.info("There was no first picture of the scene: %s", error)
+        for child in self.take():
+            with part("first picture"):
+                try:
+                    child.end()
+                except HeritageError as error:
+                    # Too few of these photos overlap, which says nothing about all photos.
+                    _LOG.info("There was no first picture of the scene: %s", error)
 
 
 def make_first_picture(

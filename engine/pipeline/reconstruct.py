@@ -21,6 +21,7 @@ from ..photos.settings import PhotoSettings, VideoSettings
 from ..project.folder import ProjectFolder
 from ..rasterizer import Device, choose_training_device
 from ..scene import PhotoSet
+from ..training.settings import LIGHT_SHARE
 from .first_picture import MIN_PHOTOS, FirstPicture
 from .planning import (
     PlannedWork,
@@ -268,6 +269,7 @@ def _input_of(photos: Path, settings: PipelineSettings) -> ReconstructionInput:
         settings.mask_background,
         settings.plan.exclude_transients,
         settings.plan.wants_objects,
+        settings.plan.overrides.get("kept") == LIGHT_SHARE,
     )
 
 

@@ -27,6 +27,7 @@ _SCHEMA = {
     "mask_background": optional(bool),
     "exclude_transients": optional(bool),
     "wants_objects": optional(bool),
+    "light": optional(bool),
 }
 
 
@@ -40,8 +41,8 @@ class ReconstructionInput:
         Absolute path of the folder of photos, or of the video.
     cameras, photo_masks : str or None
         Absolute paths of known cameras, and of a folder of masks; None when they were estimated, or not used.
-    mask_background, exclude_transients, wants_objects : bool
-        Options ``--mask-background``, ``--transients`` and (false) ``--no-objects``.
+    mask_background, exclude_transients, wants_objects, light : bool
+        Options ``--mask-background``, ``--transients``, (false) ``--no-objects`` and ``--light``.
     """
 
     photos: str
@@ -50,6 +51,7 @@ class ReconstructionInput:
     mask_background: bool = False
     exclude_transients: bool = False
     wants_objects: bool = True
+    light: bool = False
 
 
 def store_input(project: ProjectFolder, given: ReconstructionInput) -> None:
@@ -119,6 +121,7 @@ def repeat_arguments(project: Path, preset: str) -> list[str]:
         *(["--mask-background"] if given.mask_background else []),
         *(["--transients"] if given.exclude_transients else []),
         *([] if given.wants_objects else ["--no-objects"]),
+        *(["--light"] if given.light else []),
         *([f"--prompts={join_texts(texts)}"] if texts and given.wants_objects else []),
     ]  # fmt: skip
 

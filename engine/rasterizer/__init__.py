@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from .devices import (
         PROCESSOR,
         Device,
-        Wanted,
         choose_device,
         choose_objects_device,
         choose_training_device,
@@ -48,7 +47,6 @@ __all__ = [
     "GpuScene",
     "Raster",
     "Share",
-    "Wanted",
     "all_finite",
     "cache_folder",
     "check_camera",

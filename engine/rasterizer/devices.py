@@ -11,11 +11,11 @@ from ..core.child_process import ChildFailure, run_in_child
 from ..core.errors import EnvironmentProblem
 from ..core.parts import part
 from ..core.system import card_memory
+from .settings import DeviceName
 
 __all__ = [
     "PROCESSOR",
     "Device",
-    "Wanted",
     "choose_device",
     "choose_objects_device",
     "choose_training_device",
@@ -28,8 +28,6 @@ __all__ = [
 ]
 
 _Result = TypeVar("_Result")
-
-Wanted = Literal["auto", "cpu", "gpu"]
 
 _CARD_SECONDS = 60.0
 """For the self-test of the graphics card, which takes one or two."""
@@ -87,7 +85,7 @@ class Device:
 PROCESSOR = Device()
 
 
-def choose_device(wanted: Wanted) -> Device:
+def choose_device(wanted: DeviceName) -> Device:
     """Return the device to render with.
 
     Parameters
@@ -113,7 +111,7 @@ def choose_device(wanted: Wanted) -> Device:
     return Device("gpu", f"{gpu.name} ({gpu.backend})", required=wanted == "gpu")
 
 
-def choose_training_device(wanted: Wanted) -> Device:
+def choose_training_device(wanted: DeviceName) -> Device:
     """Return the device to train on. Unlike `choose_device`, it survives a driver that crashes or hangs.
 
     Parameters
@@ -129,7 +127,7 @@ def choose_training_device(wanted: Wanted) -> Device:
     return _choose_safely(wanted, advice="train with --device cpu")
 
 
-def choose_objects_device(wanted: Wanted) -> Device:
+def choose_objects_device(wanted: DeviceName) -> Device:
     """Return the device to isolate objects and to write reports on. As for training, a driver may crash or hang.
 
     Parameters
@@ -145,7 +143,7 @@ def choose_objects_device(wanted: Wanted) -> Device:
     return replace(_choose_safely(wanted, advice="use --device cpu"), required=wanted == "gpu")
 
 
-def _choose_safely(wanted: Wanted, *, advice: str) -> Device:
+def _choose_safely(wanted: DeviceName, *, advice: str) -> Device:
     if wanted == "cpu":
         return PROCESSOR
     device = look_for_card()

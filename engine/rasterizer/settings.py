@@ -23,11 +23,15 @@ __all__ = [
     "RADIUS_SIGMAS",
     "T_MIN",
     "Backend",
+    "DeviceName",
     "RasterSettings",
 ]
 
 Backend = Literal["cpu", "gpu", "reference"]
 """Implementations of `engine.rasterizer.rasterize`."""
+
+DeviceName = Literal["auto", "cpu", "gpu"]
+"""What a user may ask to work on; auto: the graphics card if there is one that passes its self-test."""
 
 INVERSE_ALPHA_MIN = 255.0
 """Inverse of `ALPHA_MIN`. It is exact, while 1/255 is rounded, so log(opacity / ALPHA_MIN) is computed from it."""

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import io
-import subprocess
+import logging
 from collections.abc import Sequence
 from typing import Any
 
-from ..core.engine_process import engine_command, engine_environment, events_in
 from ..core.errors import HeritageError, ProjectError
-from ..core.events import ErrorEvent, Finished
+from ..core.events import ignore_events
+from ..workers.jobs import EngineRun
 
 __all__ = ["call_engine"]
 
+_LOG = logging.getLogger(__name__)
 _MAX_SECONDS = 600
 
 
@@ -30,16 +30,13 @@ def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
     HeritageError
         With the engine's own sentence.
     ProjectError
-        When it takes too long.
+        When it takes too long; it is killed then.
     """
-    command = engine_command(*arguments, "--events")
-    try:
-        done = subprocess.run(command, capture_output=True, env=engine_environment(), timeout=_MAX_SECONDS, check=False)
-    except subprocess.TimeoutExpired as error:
-        raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. Make it in Blender.") from error
-    events = list(events_in(io.BytesIO(done.stdout)))
-    if done.returncode:
-        sentences = [event.message for event in events if isinstance(event, ErrorEvent)]
-        raise HeritageError(sentences[-1] if sentences else f"The {what} failed. The server's log has the details.")
-    finished = [event.outputs for event in events if isinstance(event, Finished)]
-    return finished[-1] if finished else {}
+    run = EngineRun(arguments, ignore_events)
+    code = run.wait(_MAX_SECONDS)
+    if run.late:
+        raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. Make it in Blender.")
+    if code:
+        _LOG.error("The %s failed with exit code %d: %s", what, code, run.process.complaints())
+        raise HeritageError(run.state.error or f"The {what} failed. The server's log has the details.")
+    return run.state.outputs

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ..core.engine_process import engine_command, engine_environment
 from ..core.errors import HeritageError, ProjectError
-from ..workers.jobs import Job, JobState, WaitingJob, seconds_left_in_all
+from ..workers.jobs import Job, JobState, WaitingJob, WaitingJobs, seconds_left_in_all
 from .feeds import Feeds
 from .interrupted import interrupted_jobs
 from .library import PROJECT, WebProject
@@ -88,7 +88,7 @@ class JobQueue:
         self._prefix = ["remote", f"--scheduler={scheduler}", "--events", "--"] if scheduler else []
         self._at_once = _ON_CLUSTER if scheduler else 1
         self._lock = threading.RLock()
-        self._waiting: list[WaitingJob] = []
+        self._waiting = WaitingJobs(lambda: self._folder)
         self._last: dict[Path, Job] = {}
         self._not_started: dict[Path, JobView] = {}
         """Jobs that could not be started, until the next job of their project."""
@@ -104,9 +104,10 @@ class JobQueue:
         for project, job in self._found:
             self._last[project] = job
         self._running = {job.folder: job for _, job in self._found if job.poll().running}
-        stored = [one for one in WaitingJob.stored(self._folder) if not self._was_started(one)]
-        # The earlier server may have had another scheduler, or none.
-        self._waiting = [replace(one, command=self._command(_words(one.command))) for one in stored]
+        self._waiting.find()
+        for waiting in self._waiting:
+            if self._was_started(waiting):
+                self._waiting.drop(waiting)
         if self._stop_jobs:
             self._continue_interrupted()
         _LOG.info("%s jobs run, %s wait", len(self._running), len(self._waiting))
@@ -132,12 +133,8 @@ class JobQueue:
         DiskError
             When it cannot be stored.
         """
-        command = self._command(arguments)
         with self._lock:
-            if any(one.subject == project.folder and one.command == command for one in self._waiting):
-                raise ProjectError("The same job is waiting already.")
-            waiting = WaitingJob.store(self._folder, arguments[0], project.folder, command)
-            self._waiting.append(waiting)
+            waiting = self._waiting.add(arguments[0], project.folder, arguments)
             self._publish(project.folder)
             return _view_of_waiting(waiting)
 
@@ -176,8 +173,7 @@ class JobQueue:
         with self._lock:
             for waiting in self._waiting:
                 if waiting.subject == project and waiting.file.stem == job_id:
-                    self._waiting.remove(waiting)
-                    waiting.take()
+                    self._waiting.drop(waiting)
                     self._publish(project)
                     return
             job = self._last.get(project)
@@ -213,14 +209,13 @@ class JobQueue:
 
     def _continue_interrupted(self) -> None:
         """Put the jobs that ended with an earlier server before those that wait."""
-        again = []
+        place = 0
         for job in interrupted_jobs(self._found):
-            # With this server's interpreter, as another version of the image may have moved it, and its scheduler.
-            command = self._command(_words(job.command))
-            if not any(str(one.subject) == job.subject and one.command == command for one in self._waiting):
-                again.append(WaitingJob.store(self._folder, job.kind, Path(job.subject), command))
+            again = job.kind, Path(job.subject), _words(job.command)
+            if not self._waiting.has(*again):
+                self._waiting.add(*again, place=place)
+                place += 1
             job.mark_taken()
-        self._waiting = [*again, *self._waiting]
 
     def _run(self) -> None:
         while not self._stop.wait(_POLL_SECONDS):
@@ -247,20 +242,17 @@ class JobQueue:
                     self._feeds.publish(project, kind)
             self._publish(project)
         busy = {_project_of(job) for job in self._running.values()}
-        for waiting in list(self._waiting):
-            if len(self._running) >= self._at_once:
-                break
-            if waiting.subject not in busy:
-                busy.add(waiting.subject)
-                self._waiting.remove(waiting)
-                self._start(waiting)
+        while len(self._running) < self._at_once and (waiting := self._waiting.next(busy)) is not None:
+            busy.add(waiting.subject)
+            self._start(waiting)
 
     def _start(self, waiting: WaitingJob) -> None:
         folder = waiting.subject / "jobs" / waiting.file.stem
         if waiting.file.exists() and waiting.subject.is_dir():
             try:
                 job = Job.start(
-                    waiting.command,
+                    # With this server's interpreter and scheduler: an earlier server may have had others.
+                    self._command(_words(waiting.command)),
                     folder,
                     kind=waiting.kind,
                     subject=str(waiting.subject),
@@ -268,7 +260,7 @@ class JobQueue:
                 )
                 self._running[folder] = self._last[waiting.subject] = job
                 self._not_started.pop(waiting.subject, None)
-            except (HeritageError, ValueError, OSError) as error:
+            except HeritageError as error:
                 _LOG.error("A job could not be started: %s", error)
                 sentence = f"The job could not be started: {error}"
                 view = replace(_view_of_waiting(waiting), state="stopped", error=sentence)
@@ -279,10 +271,8 @@ class JobQueue:
 
     @staticmethod
     def _was_started(waiting: WaitingJob) -> bool:
-        if Job.attach(waiting.subject / "jobs" / waiting.file.stem) is None and waiting.subject.is_dir():
-            return False
-        waiting.take()
-        return True
+        """Return whether an earlier server has started a job, or its project is gone."""
+        return Job.attach(waiting.subject / "jobs" / waiting.file.stem) is not None or not waiting.subject.is_dir()
 
     def _publish(self, project: Path) -> None:
         """Send the state of a project's jobs to its watchers, if it has changed."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+
+from ..rasterizer.settings import DeviceName
 
 __all__ = ["PHOTO_TYPES", "ServeSettings"]
 
@@ -93,7 +94,7 @@ class ServeSettings:
     first_user: str = ""
     stop_jobs: bool = False
     scheduler: str = ""
-    device: Literal["auto", "cpu", "gpu"] = "auto"
+    device: DeviceName = "auto"
     fetch_models: bool | None = None
     max_photo_bytes: int = 200 << 20
     max_video_bytes: int = 4 << 30

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .detail_crops import DetailCrop, DetailPlan, tiles
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .loop import train
-    from .losses import Target, photometric_loss, ssim
+    from .losses import Target, photometric_loss
     from .overrides import read_overrides
     from .parameters import Parameters, render
     from .quality import gaussians_so_far, measure_quality
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .scene_files import FEATURES_FILE, SCENE_FILE, load_features, load_gaussians, save_gaussians
     from .schedule import Schedule
     from .start import start_gaussians
+    from .validation import MIN_PHOTOS_TO_CHOOSE, validation_photos
     from .views import TrainingView, is_held_out, load_views
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "InitialValues",
     "SCENE_FILE",
     "FEATURES_FILE",
+    "MIN_PHOTOS_TO_CHOOSE",
     "CHECKPOINT_FILE",
     "WELL_SEEN",
     "AdamState",
@@ -65,11 +67,11 @@ __all__ = [
     "render",
     "settings_with_sizes",
     "sizes_on_card",
-    "ssim",
     "start_gaussians",
     "tiles",
     "train",
     "train_detail",
+    "validation_photos",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

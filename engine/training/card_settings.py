@@ -21,14 +21,6 @@ _NOTHING: Mapping[str, int] = MappingProxyType({})
 _ROUNDED_TO = 10_000
 """Numbers of Gaussians that memory decides are multiples of this."""
 
-_GROWTHS, _GROW_FACTOR = 50, 1.1  # chosen on museum_room
-_FULL_BY = (
-    0.7  # chosen on meeting_place9, banana16, herz_jesus25, sakharov_statue32, museum_room, room_3, room_6, room_8
-)
-"""Intervals of growth in a run, the least factor of each, and ``full_by``. The processor decides where to grow, while
-the card waits. Growth over most of a run takes less time than early growth, and its Gaussians are placed by smaller
-errors."""
-
 _SH_DEGREE, _DROPOUT = 3, 0.05  # chosen on museum_room, store_room, skull66, sakharov_statue32
 """``sh_degree`` and ``dropout`` in place of trials of bands. A card has the time for all bands, and with many Gaussians
 an early trial refuses bands that gain later."""
@@ -110,11 +102,7 @@ def settings_with_sizes(preset: str, sizes: Mapping[str, int], n_training: int) 
         return PRESETS[preset].for_photos(n_training)
     base = PRESETS[preset_on_card(preset, n_training)]
     steps = sizes.get("steps", base.schedule.steps)
-    interval = base.appearance.sh_interval * steps // base.schedule.steps
-    settings = base.changed(
-        **sizes, grow_interval=max(1, steps // _GROWTHS), grow_factor=_GROW_FACTOR, full_by=_FULL_BY,
-        sh_interval=max(1, interval),
-    ).for_photos(n_training)  # fmt: skip
+    settings = base.with_steps(steps).changed(**sizes).for_photos(n_training)
     if not (settings.appearance.sh_degree and settings.trial_steps(n_training)):
         return settings
     return settings.changed(

@@ -19,7 +19,7 @@ from ..core.arrays import Float64
 from ..core.errors import TrainingError
 from ..core.events import Emit, Warned, ignore_events
 from ..formats import SH_C0
-from ..scene import Gaussians, PinholeCamera
+from ..scene import Gaussians, PinholeCamera, unit_quats
 
 __all__ = ["InitialValues", "gaussians_at", "gaussians_from_points", "initial_features", "points_in_view"]
 
@@ -136,8 +136,7 @@ def gaussians_at(
     opacity = values.opacity
     sh = np.zeros((n, (values.sh_degree + 1) ** 2, 3), np.float32)
     sh[:, 0] = (colors / 255.0 - 0.5) / SH_C0
-    quats = rng.normal(size=(n, 4))
-    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    quats = unit_quats(rng.normal(size=(n, 4)))
     return Gaussians(
         means=places.astype(np.float32),
         log_scales=np.repeat(np.log(scales).astype(np.float32)[:, None], 3, axis=1),

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from .settings import MAX_GROW_FACTOR, TrainingSettings, validation_photos
+from .settings import MAX_GROW_FACTOR, TrainingSettings
 from .spectrum import TYPICAL_SHARES
+from .validation import validation_photos
 
 __all__ = ["ANCHORS", "COOLDOWN_END", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "THIN", "Schedule"]
 
@@ -224,15 +225,13 @@ class Schedule:
         return max(n, min(limit, max(n + 1, int(n * self._grow_factor(step, n)))))
 
     def _grow_factor(self, step: int, n: int) -> float:
-        """Return the factor of the growth of `n` Gaussians after the step, see `GrowthSettings.full_by`."""
+        """Return the factor of the growth of `n` Gaussians after the step, see `GrowthSettings`."""
         growth = self._settings.growth
-        if growth.full_by == 0 or n >= growth.max_gaussians:
+        if growth.growth_strategy == "opacity":
             return growth.grow_factor
         full_at = growth.grow_from + growth.full_by * (growth.grow_until - growth.grow_from)
-        # With this growth.
-        n_left = max(1.0, 1.0 + (full_at * self._settings.schedule.steps - step) / growth.grow_interval)
-        needed = (growth.max_gaussians / n) ** (1.0 / n_left)
-        return max(growth.grow_factor, min(needed, MAX_GROW_FACTOR))
+        n_after = max(0, int(full_at * self._settings.schedule.steps) - step) // growth.grow_interval
+        return float(min((growth.max_gaussians / n) ** (1.0 / (1 + n_after)), MAX_GROW_FACTOR))
 
     def growth_ended(self, step: int) -> bool:
         """Return whether Gaussians are no longer relocated or added."""

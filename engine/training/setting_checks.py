@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..core.settings import require
 
-__all__ = ["require_at_least", "require_choice", "require_factor", "require_fraction", "require_positive"]
+__all__ = ["require_at_least", "require_factor", "require_fraction", "require_positive"]
 
 
 def require_at_least(settings: object, smallest: int, *names: str) -> None:
@@ -29,8 +29,3 @@ def require_factor(settings: object, *names: str) -> None:
     """Raise `SettingsError` unless the named settings are greater than 0 and at most 1."""
     for name in names:
         require(settings, name, 0 < getattr(settings, name) <= 1, "greater than 0 and at most 1")
-
-
-def require_choice(settings: object, name: str, *allowed: str) -> None:
-    """Raise `SettingsError` unless the named setting is one of `allowed`."""
-    require(settings, name, getattr(settings, name) in allowed, "one of " + ", ".join(allowed))

@@ -12,16 +12,18 @@ from dataclasses import Field, dataclass, fields, is_dataclass, replace
 from typing import Any, Literal
 
 from ..core.errors import SettingsError
-from ..core.settings import require
+from ..core.settings import require, require_choices
 from ..rasterizer.settings import Backend
-from .setting_checks import require_at_least, require_choice, require_factor, require_fraction, require_positive
+from .setting_checks import require_at_least, require_factor, require_fraction, require_positive
+from .validation import MIN_PHOTOS_TO_CHOOSE, validation_photos
 
 __all__ = [
     "LAMBDA_DSSIM",
     "DEFAULT_PRESET",
+    "LIGHT_DESCRIPTION",
+    "LIGHT_LABEL",
     "LIGHT_SHARE",
     "MAX_GROW_FACTOR",
-    "MIN_PHOTOS_TO_CHOOSE",
     "OFFERED_PRESETS",
     "PAPER_PIXELS",
     "PRESETS",
@@ -37,7 +39,6 @@ __all__ = [
     "ScheduleSettings",
     "TrainingPreset",
     "TrainingSettings",
-    "validation_photos",
 ]
 
 PAPER_PIXELS = 980 * 735  # Dahaghin et al. 2024
@@ -48,6 +49,11 @@ MAX_GROW_FACTOR = 2.0
 
 LIGHT_SHARE = 0.5  # chosen on museum_room, banana16, herz_jesus25, meeting_place9, room_3, room_6, room_8
 """``kept`` of a light scene: see docs/training.md for what it costs."""
+LIGHT_LABEL = "Light Scene"
+LIGHT_DESCRIPTION = (
+    "End with half of the Gaussians, those that the photos need most, for smaller files and faster views; objects can "
+    "lose parts where there are few"
+)
 
 LAMBDA_DSSIM = 0.2
 """Weight of 1 - SSIM in the photometric loss, as in Kerbl et al. 2023; that of the mean |x - y| is the rest."""
@@ -61,28 +67,9 @@ TEST_PHOTOS = "test photos"
 _MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
 """Least number of times that a trial trains on each photo."""
 
-MIN_PHOTOS_TO_CHOOSE = 24
-"""Least number of training photos of which some are validation photos. With fewer, nothing is chosen during a run, see
-`TrainingSettings.for_photos`."""
 _FEW_PHOTOS_SH_DEGREE = 3  # chosen on herz_jesus25, meeting_place9, banana16, room_6, room_8
 _FEW_PHOTOS_DROPOUT = 0.15  # chosen on herz_jesus25, meeting_place9, banana16, room_6, room_8
 """``sh_degree`` and ``dropout`` with fewer than `MIN_PHOTOS_TO_CHOOSE` training photos."""
-_VALIDATION_EVERY = 8  # chosen on museum_room
-"""One of so many training photos is a validation photo."""
-_MAX_VALIDATION_PHOTOS = 8
-"""Largest number of validation photos, all of which are measured at each decision."""
-
-
-def validation_photos(n_training: int) -> tuple[int, ...]:
-    """Return the validation photos among `n_training` training photos, as numbers in their order, evenly spaced.
-
-    Trials are decided on them. They are not trained on until the last trial is made, see `Schedule.validation_until`.
-    Below `MIN_PHOTOS_TO_CHOOSE` training photos there are none.
-    """
-    if n_training < MIN_PHOTOS_TO_CHOOSE:
-        return ()
-    count = min(_MAX_VALIDATION_PHOTOS, n_training // _VALIDATION_EVERY)
-    return tuple((2 * i + 1) * n_training // (2 * count) for i in range(count))
 
 
 @dataclass(frozen=True)
@@ -198,10 +185,10 @@ class GrowthSettings:
     grow_interval : int
         Steps between two relocations.
     grow_factor : float
-        Factor by which the number of Gaussians grows each time, up to the largest number.
+        With ``growth_strategy="opacity"``, factor by which the number of Gaussians grows each time, up to the largest.
     full_by : float
-        Part of the time of growth after which the largest number is reached: where `grow_factor` is too small for that,
-        as with few sparse points, the factor is larger. 0 leaves it as it is.
+        With ``growth_strategy="mixed"``, part of the time of growth after which the largest number is reached, from any
+        number of Gaussians at the start, by equal factors.
     kept : float
         Part of the largest number that is left in the end, see `thinning`; 1 removes none.
     noise : float
@@ -216,9 +203,11 @@ class GrowthSettings:
     )
     grow_from: float = 0.03  # chosen on museum_room
     grow_until: float = 0.8  # chosen on museum_room
-    grow_interval: int = 30  # chosen on museum_room
+    grow_interval: int = 60  # chosen on museum_room
     grow_factor: float = 1.05  # Kheradmand et al. 2024
-    full_by: float = 0.0
+    full_by: float = (
+        0.7  # chosen on meeting_place9, banana16, herz_jesus25, sakharov_statue32, museum_room, room_3, room_6, room_8
+    )
     kept: float = 1.0
     noise: float = 5e5  # Kheradmand et al. 2024
 
@@ -226,7 +215,7 @@ class GrowthSettings:
         require_at_least(self, 1, "max_gaussians", "grow_interval")
         require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
         require(self, "background_fraction", 0 <= self.background_fraction <= 0.5, "between 0 and 0.5")
-        require_choice(self, "growth_strategy", "mixed", "opacity")
+        require_choices(self)
         require_fraction(self, "grow_from", "grow_until", "full_by")
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         factors = f"between 1 and {MAX_GROW_FACTOR:g}"
@@ -281,9 +270,7 @@ class FeatureSettings:
     def __post_init__(self) -> None:
         require_at_least(self, 1, "clustering_interval", "regularisation_interval")
         require_at_least(self, 0, "clustering_pixels", "lambda_clustering", "lambda_ray")
-        require_choice(self, "feature_init", "unit", "paper")
-        require_choice(self, "feature_gradient", "detached", "joint")
-        require_choice(self, "regularisation", "neighbours", "paper")
+        require_choices(self)
         ray_fits = self.lambda_ray == 0 or self.feature_init == "unit"
         require(self, "lambda_ray", ray_fits, 'zero when `feature_init` is "paper"')
 
@@ -386,7 +373,7 @@ class TrainingSettings:
     backend: Backend = "cpu"
 
     def __post_init__(self) -> None:
-        require_choice(self, "backend", "cpu", "gpu", "reference")
+        require_choices(self)
 
     def changed(self, **values: Any) -> TrainingSettings:
         """Return a copy with some settings changed, each given by its own name alone.
@@ -422,6 +409,12 @@ class TrainingSettings:
             return self
         interval = max(1, self.schedule.steps // (_FEW_PHOTOS_SH_DEGREE + 1))
         return self.changed(sh_degree=_FEW_PHOTOS_SH_DEGREE, sh_interval=interval, dropout=_FEW_PHOTOS_DROPOUT)
+
+    def with_steps(self, steps: int) -> TrainingSettings:
+        """Return a copy with another number of steps, and with the intervals that are shares of it."""
+        intervals = {"sh_interval": self.appearance.sh_interval, "grow_interval": self.growth.grow_interval}
+        scaled = {name: max(1, interval * steps // self.schedule.steps) for name, interval in intervals.items()}
+        return self.changed(steps=steps, **scaled)
 
     def trial_steps(self, n_training: int) -> int:
         """Return the steps of a trial in a run with `n_training` training photos; 0 where none is made."""
@@ -467,7 +460,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         _STANDARD.changed(
             steps=60, rounds=0, lambda_opacity=0.0, lambda_opacity_end=0.0, max_gaussians=400,
             sh_degree=0, max_side=64, coarse_levels=1, curve_points=3, grow_interval=10,
-            checkpoint_interval=20, grow_factor=1.3, clustering_interval=2,
+            checkpoint_interval=20, clustering_interval=2,
             clustering_pixels=1024, regularisation_interval=4,
         ),
         offered=False,
@@ -476,7 +469,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         "preview", "A first look at the scene.",
         _STANDARD.changed(
             steps=600, rounds=0, max_gaussians=15_000, max_side=400, sh_degree=0,  # chosen on museum_room
-            grow_factor=1.3,  # chosen on museum_room, sakharov_statue32, meeting_place9
+            grow_interval=12,
         ),
     ),
     TrainingPreset("standard", "Right for most objects: a few minutes of training on two cores.", _STANDARD),
@@ -484,7 +477,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         "best", "The finest detail: an hour of training on two cores, with more Gaussians and larger pictures.",
         _STANDARD.changed(
             steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2,  # chosen on museum_room
-            sh_interval=4000, grow_interval=100, lr_means_end=4e-6, lr_end=0.1,  # chosen on museum_room
+            sh_interval=4000, grow_interval=240, lr_means_end=4e-6, lr_end=0.1,  # chosen on museum_room
             checkpoint_interval=200,
         ),
     ),

@@ -16,7 +16,7 @@ import bpy
 
 from ...engine.core.errors import Cancelled, HeritageError, ProjectError
 from ...engine.project.content import is_project
-from ...engine.workers.jobs import Job, JobState, WaitingJob
+from ...engine.workers.jobs import Job, JobState, WaitingJob, WaitingJobs
 from ..blender import problems
 from ..blender.guards import Timer, add_load_handler, redraw, remove_handler
 from ..project.first_view import show_job, show_scene
@@ -54,8 +54,6 @@ __all__ = [
 _LOG = logging.getLogger(__name__)
 _POLL_INTERVAL = 0.5
 """Seconds between two polls of the job."""
-_WAITING = "waiting jobs"
-"""Folder with the records of waiting jobs, among the user's files."""
 MODEL_FILES = Path("model files")
 """Subject of jobs about model files, which belong to no project."""
 ENGINE = Path("the engine")
@@ -66,7 +64,7 @@ _EDIT_MODE_MESSAGE = "Leave Edit Mode (Tab) to import the finished result."
 
 
 _job: Job | None = None
-_queue: list[WaitingJob] = []
+_queue = WaitingJobs(lambda: user_folder("waiting jobs"))
 _found: list[Job] = []
 """Jobs of an earlier session of Blender that are still to be polled."""
 _undecided: list[Job] = []
@@ -160,10 +158,8 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
     """
     if problem():
         raise ProjectError(problem())
-    if any((one.kind, one.subject, one.command) == (kind, subject, tuple(command)) for one in _queue):
-        raise ProjectError(f"The same job on {subject} is waiting already.")
     if _is_running():
-        _queue.append(WaitingJob.store(user_folder(_WAITING), kind, subject, command))
+        _queue.add(kind, subject, command)
         _poll_timer.start(_POLL_INTERVAL, persistent=True)
         return None
     job = _launch(kind, subject, command)
@@ -192,7 +188,7 @@ def drop(number: int) -> None:
     """
     if not 0 <= number < len(_queue):
         raise ProjectError("That job is no longer waiting.")
-    _queue.pop(number).take()
+    _queue.drop(waiting()[number])
 
 
 def cancel() -> None:
@@ -391,8 +387,7 @@ def _poll_next() -> None:
     if _found:
         _job = _found.pop(0)
         return
-    while _queue:
-        waiting_job = _queue.pop(0)
+    while (waiting_job := _queue.next()) is not None:
         try:
             if waiting_job.take():
                 _launch(waiting_job.kind, waiting_job.subject, waiting_job.command)
@@ -423,8 +418,7 @@ def _find_jobs() -> None:
     known_folders = {job.folder for job in (*_stopped, *_undecided)}
     _found.extend(job for job in jobs if not job.is_taken() and job.folder not in known_folders)
     _seen_in_file.update((job.folder, _file_number) for job in _found)
-    known = {one.file for one in _queue}
-    _queue.extend(one for one in WaitingJob.stored(user_folder(_WAITING)) if one.file not in known)
+    _queue.find()
     if _found or _queue:
         _LOG.info("found %s jobs of an earlier session, and %s that wait", len(_found), len(_queue))
         _poll_next()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import bpy
 
 from ...engine.core.errors import EnvironmentProblem, HeritageError
-from ...engine.core.files import delete_derived, read_json, write_json
+from ...engine.core.files import delete_derived, read_after_change, read_json, write_json
 from ...engine.core.system import CODE_ROOT
 from ...engine.masks.settings import SAM_MODELS
 from .engine_process import engine_environment, find_python
@@ -34,6 +33,8 @@ __all__ = [
 
 BASE_PACKAGE = __package__.rsplit(".", 2)[0]
 """Name of the extension's package, by which Blender identifies its preferences."""
+_PROBLEM = "set_up.json"
+"""File that says why a set-up failed, in the folder ``log`` of the user's files."""
 
 
 def _preferences() -> Any:
@@ -79,7 +80,7 @@ def engine_problem() -> str:
 
 def set_up_problem() -> str:
     """Return why the last set-up of the engine failed, also in an earlier session of Blender; empty if it did not."""
-    return _stored_problem(_problem_file())
+    return _stored_problem(user_folder("log"))
 
 
 def store_set_up_problem(problem: str) -> None:
@@ -90,23 +91,17 @@ def store_set_up_problem(problem: str) -> None:
     DiskError
         When it cannot be written.
     """
-    file = _problem_file()
+    folder = user_folder("log")
     if problem:
-        write_json(file, {"problem": problem})
+        write_json(folder / _PROBLEM, {"problem": problem})
     else:
-        delete_derived(file.parent, file.name)
-    _stored_problem.cache_clear()
+        delete_derived(folder, _PROBLEM)
 
 
-def _problem_file() -> Path:
-    return user_folder("log") / "set_up.json"
-
-
-# Cached, because the panel calls this at each redraw.
-@functools.lru_cache(maxsize=1)
-def _stored_problem(file: Path) -> str:
+@read_after_change(_PROBLEM)
+def _stored_problem(folder: Path) -> str:
     try:
-        problem: str = read_json(file, {"problem": str}, advice="")["problem"]
+        problem: str = read_json(folder / _PROBLEM, {"problem": str}, advice="")["problem"]
     except HeritageError:
         return ""
     return problem

@@ -62,7 +62,8 @@ def test_addon(name: str, context: Context) -> str:
     shutil.copytree(context.product / "tests" / "blender", folder / "tests", ignore=ignored)
     zip_file = shutil.copy(context.zip_file, folder)
     variables = {
-        "GAUSSIAN_HERITAGE_ZIP": Path(zip_file), "GAUSSIAN_HERITAGE_PYTHON": computer.tests_python,
+        "GAUSSIAN_HERITAGE_ZIP": Path(zip_file), "GAUSSIAN_HERITAGE_SHARED": folder / "shared",
+        "GAUSSIAN_HERITAGE_PYTHON": computer.tests_python,
         "GAUSSIAN_HERITAGE_DEMO": context.product / "demo",
         "GAUSSIAN_HERITAGE_FIXTURES": context.product / "tests" / "fixtures",
     }  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import importlib
 import os
 import shutil
 import sys
@@ -58,8 +59,27 @@ def installed(zip_file: Path) -> str:
     return MODULE
 
 
-@pytest.fixture
-def blender(installed: str) -> Iterator[ModuleType]:
-    """Open an empty file with the extension enabled, and yield bpy."""
+@pytest.fixture(scope="session")
+def start_up_file(installed: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a file that holds nothing but the node groups of the display, which the add-on builds here once.
+
+    Blender updates a whole tree for each of its links, so that building one takes most of the time of a test.
+    """
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+    add_display = importlib.import_module(f"{installed}.gaussian_heritage_addon.splats.splat_nodes").add_display
+    obj = bpy.data.objects.new("shown", bpy.data.meshes.new("shown"))
+    for sh_degree in range(4):
+        add_display(obj, sh_degree)
+    for group in bpy.data.node_groups:
+        group.use_fake_user = True
+    bpy.data.meshes.remove(obj.data)
+    file = tmp_path_factory.mktemp("start up") / "start_up.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)
+    return file
+
+
+@pytest.fixture
+def blender(start_up_file: Path) -> Iterator[ModuleType]:
+    """Open a file without objects, with the extension enabled, and yield bpy."""
+    bpy.ops.wm.read_homefile(filepath=str(start_up_file), use_factory_startup=False)
     yield bpy

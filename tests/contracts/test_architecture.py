@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -40,6 +41,7 @@ def files_of(name: str) -> list[Path]:
     return sorted((ROOT / "engine" / name).rglob("*.py"))
 
 
+@functools.cache
 def imported_by(name: str) -> set[str]:
     """The packages and modules of ours that the files of `name` import from."""
     names = set()

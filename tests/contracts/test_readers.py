@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ast
+import functools
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -178,13 +178,16 @@ def forbidden_calls(source: str) -> list[tuple[int, str]]:
     return sorted(calls.found)
 
 
-def places() -> Iterator[tuple[str, int, str]]:
+@functools.cache
+def places() -> list[tuple[str, int, str]]:
     """All forbidden calls outside of `CHECKED` as (file, line, call)."""
+    found = []
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
             file = path.relative_to(ROOT).as_posix()
             if not file.startswith(CHECKED + "/"):
-                yield from ((file, line, call) for line, call in forbidden_calls(path.read_text(encoding="utf-8")))
+                found += [(file, line, call) for line, call in forbidden_calls(path.read_text(encoding="utf-8"))]
+    return found
 
 
 def test_files_are_read_and_deleted_in_one_package() -> None:

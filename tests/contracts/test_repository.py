@@ -87,5 +87,15 @@ def test_no_machine_path_is_committed() -> None:
     assert found == []
 
 
+def test_every_picture_of_docs_is_named_by_a_document() -> None:
+    docs, files = ROOT / "docs", tracked_files()
+    documents = [one for one in files if one.suffix == ".md" and (docs in one.parents or one.parent == ROOT)]
+    pictures = [one for one in files if docs in one.parents and one.suffix in {".jpg", ".png", ".svg", ".webm"}]
+    text = "".join(one.read_text(encoding="utf-8") for one in documents)
+    named = {name.removeprefix("docs/") for name in re.findall(r"[\w./-]+\.(?:jpg|png|svg|webm)", text)}
+    assert [str(one.relative_to(docs)) for one in pictures if one.relative_to(docs).as_posix() not in named] == []
+    assert pictures
+
+
 def test_tracked_files_stay_small() -> None:
     assert sum(path.stat().st_size for path in tracked_files()) < 50 * 2**20  # 50 MiB

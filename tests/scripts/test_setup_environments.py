@@ -72,6 +72,23 @@ def test_all_other_packages_have_hashes(
     assert all("--require-hashes" in arguments and "--no-deps" in arguments for arguments in others)
 
 
+@pytest.mark.parametrize("system", ["linux-x86_64", "win32-amd64"])
+def test_libraries_of_a_desktop_that_linux_lacks_are_named_with_their_packages(
+    setup: ModuleType, monkeypatch: pytest.MonkeyPatch, system: str
+) -> None:
+    def load(name: str) -> None:
+        if name in ("libX11.so.6", "libSM.so.6"):
+            raise OSError(name)
+
+    monkeypatch.setattr(setup.ctypes, "CDLL", load)
+    monkeypatch.setattr(setup, "package_system", lambda: system)
+    if system.startswith("linux"):
+        with pytest.raises(setup.SetupProblem, match="apt-get install libx11-6 libsm6\\)"):
+            setup.check_libraries()
+        monkeypatch.setattr(setup.ctypes, "CDLL", lambda name: None)
+    setup.check_libraries()
+
+
 def test_no_second_index_is_ever_added() -> None:
     sources = [SCRIPTS / "setup_environments.py", *(SCRIPTS.parent / "engine" / "install" / "environment").glob("*.py")]
     assert len(sources) > 5

@@ -36,6 +36,9 @@ SLOW = {
     "embedding": 12,
     "groups": 30,
     "checkpoint": 30,
+    "report-plot": 12,
+    "usd-a": 12,
+    "usd-c": 12,
 }
 """Numbers of inputs of readers that start a process or take milliseconds for each."""
 SLOW |= {reader.name: 12 for reader in READERS if reader.name.startswith("photo-") and "blender" not in reader.name}

@@ -22,7 +22,7 @@ from engine.scene.camera import Camera
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, make_scene
 
-from .conftest import PLACES, keep_picture
+from .conftest import PLACES
 from .test_page import AXE, engine_picture, read_picture
 
 TITLE = "Ölkanne <script>alert(1)</script>"
@@ -95,7 +95,6 @@ def test_page_shows_title_record_and_unit_and_runs_no_script_of_the_record(
     record = page.locator("dl.record").first
     for words in ("1906.12", "CC BY 4.0", "two\nlines", "is not known, because no distance was given", "0.95"):
         expect(record).to_contain_text(words)
-    keep_picture(page, "show_object")
 
 
 @pytest.mark.web
@@ -133,7 +132,6 @@ def test_object_of_an_exported_scene_is_lit_hidden_and_the_rest_dimmed(
     page.get_by_label("Dim what is not lit").check()
     page.wait_for_timeout(500)
     assert saved_picture(page, tmp_path / "dimmed.png").mean() < 0.9 * lit.mean()
-    keep_picture(page, "show_scene")
     page.get_by_role("button", name="First view").click()
     light.click()
     page.get_by_label("Dim what is not lit").uncheck()
@@ -208,8 +206,6 @@ def test_page_is_accessible_and_not_wider_than_the_screen(
     open_file: Callable[..., Page], pages: dict[str, Path], size: str
 ) -> None:
     page = open_file(pages["object"], size)
-    if size == "phone":
-        keep_picture(page, "show_phone")
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
     # The page's policy allows no foreign script, so axe is run in a page without it that has the same content.
     context = page.context.browser.new_context(bypass_csp=True, viewport=page.viewport_size)  # type: ignore[union-attr]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import shlex
 from pathlib import Path
+from typing import get_args
 
 from ...core.errors import SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...core.words import split_list
 from ...masks.settings import SAM_MODELS
 from ...project.folder import ProjectFolder
+from ...quality.evaluation.settings import Layout, PromptKind, Views
 from .chosen_models import add_sam_argument, model_factories
 from .scene_options import add_device_option
 
@@ -26,21 +28,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`; it is only read")
     parser.add_argument("truth", type=Path, help="folder with ground-truth masks of its photos")
-    layouts = ("auto", "museum", "lerf-mask", "3d-ovs", "lerf-ovs")
+    layouts = ("auto", *get_args(Layout))
     parser.add_argument(
         "--layout", choices=layouts, default="auto", help="layout of the ground truth (default: detected)"
     )
     parser.add_argument("--presets", default="paper,better", help="methods to compare (default: %(default)s)")
     parser.add_argument(
         "--prompt-kind",
-        choices=("text", "mask", "click", "all"),
+        choices=get_args(PromptKind),
         default="mask",
         help="kind of prompt that asks for each object; text also asks for the absent things that TRUTH/absent.json "
         "lists; all searches for all objects without a prompt (default: %(default)s)",
     )
     parser.add_argument(
         "--views",
-        choices=("held-out", "all"),
+        choices=get_args(Views),
         default="held-out",
         help="photos to compare in: those that training did not see, which isolating does not look at either; or all "
         "(default: %(default)s)",

@@ -15,6 +15,7 @@ from ...project.folder import ProjectFolder
 from ...project.objects import load_membership, load_object, object_gaussians
 from ...scene import Camera, CameraSet, PinholeCamera, read_camera_set
 from .named_photos import known_photo
+from .scene_options import add_device_option
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,14 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--what", choices=("rgb", "mask", "depth", "features", "instances"), default="rgb")
     parser.add_argument(
         "--click", metavar="x,y",
-        help="with mask: the object at that pixel; with features or instances: the cosine-0.7 mask at that pixel",
+        help="with mask: the object at that pixel; with features or instances: pixels like it",
     )  # fmt: skip
-    parser.add_argument(
-        "--device",
-        choices=("auto", "cpu", "gpu"),
-        default="auto",
-        help="auto: the graphics card if there is one that passes its self-test (see `doctor`)",
-    )
+    add_device_option(parser, "render the pictures")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write; a folder for several pictures")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
 

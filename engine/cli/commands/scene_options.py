@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from ...core.errors import SettingsError
 from ...core.words import split_texts
-from ...training.settings import LIGHT_SHARE, PRESET_LIST
+from ...rasterizer.settings import DeviceName
+from ...training.settings import LIGHT_DESCRIPTION, LIGHT_SHARE, PRESET_LIST
 
 if TYPE_CHECKING:
     from ...project.own_words import OwnWords
@@ -67,7 +68,7 @@ def add_device_option(parser: argparse.ArgumentParser, what: str = "train", *, d
     """Add ``--device``: what to do `what` on."""
     parser.add_argument(
         "--device",
-        choices=("auto", "cpu", "gpu"),
+        choices=get_args(DeviceName),
         default=default,
         help=f"what to {what} on; auto: the graphics card if there is one that passes its self-test (see `doctor`)",
     )
@@ -94,8 +95,7 @@ def add_setting_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--light",
         action="store_true",
-        help="end with half of the preset's Gaussians, those that the photos need most, for smaller files and faster "
-        "views; objects can lose parts where there are few Gaussians",
+        help=LIGHT_DESCRIPTION[:1].lower() + LIGHT_DESCRIPTION[1:],
     )
     parser.add_argument(
         "--set",

@@ -77,29 +77,23 @@ class NpmSettings:
         return {}
 
 
-def read_npm_settings(environment: Mapping[str, str] | None = None) -> NpmSettings:
+def read_npm_settings() -> NpmSettings:
     """Return npm's settings on this computer.
-
-    Parameters
-    ----------
-    environment : mapping, optional
-        Environment variables; by default, those of this process.
 
     Raises
     ------
     FormatError
         When a file of settings is there and cannot be read.
     """
-    environment = os.environ if environment is None else environment
-    by_variables = dict(_of_variables(environment))
+    by_variables = dict(_of_variables(os.environ))
     values: dict[str, str] = {}
     for file in npm_settings_files(by_variables):
         if file.is_file():
-            values |= dict(_of_file(read_text(file, advice=_ADVICE, max_bytes=_MAX_BYTES), environment))
+            values |= dict(_of_file(read_text(file, advice=_ADVICE, max_bytes=_MAX_BYTES), os.environ))
     values |= by_variables
     proxy = values.get("https-proxy") or values.get("proxy") or ""
     connection = Connection(
-        certificates=_certificates(values, environment),
+        certificates=_certificates(values, os.environ),
         proxy="" if proxy in ("null", "false") else proxy,
         no_proxy=values.get("noproxy", ""),
         verify=values.get("strict-ssl", "true") != "false",

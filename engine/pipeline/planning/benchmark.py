@@ -4,22 +4,21 @@ memory of the libraries. It takes less than 15 s."""
 from __future__ import annotations
 
 import logging
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.errors import ModelFileError
+from ...core.child_process import child_beside
+from ...core.errors import HeritageError, ModelFileError
 from ...core.events import Emit, Progress, ignore_events, never_stop
-from ...core.system import Machine, cpu_seconds
+from ...core.system import Machine, cpu_seconds, peak_memory
 from ...scene import Gaussians, PinholeCamera
 from ...training.settings import TrainingSettings
 from .calibration import Benchmark, Calibration, load_calibration
 
-__all__ = ["calibrate", "measure_speed"]
+__all__ = ["calibrate", "measure_speed", "memory_with_libraries"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -33,7 +32,7 @@ _FEATURE_PICTURE = (640, 480)
 """Width and height in pixels of the pictures in which features are detected."""
 
 
-def calibrate(machine: Machine, *, emit: Emit, file: Path | None = None) -> Calibration:
+def calibrate(machine: Machine, *, emit: Emit) -> Calibration:
     """Return the calibration of this machine. Measure the machine first if there is none.
 
     Parameters
@@ -41,8 +40,6 @@ def calibrate(machine: Machine, *, emit: Emit, file: Path | None = None) -> Cali
     machine : Machine
     emit : Emit
         Receives progress events when the machine is measured.
-    file : Path, optional
-        See `load_calibration`.
     """
     from ...rasterizer import cache_folder
 
@@ -52,7 +49,7 @@ def calibrate(machine: Machine, *, emit: Emit, file: Path | None = None) -> Cali
         emit(Progress("planning", 1.0, 0.0, "this machine's speed is known"))
         return benchmark
 
-    return load_calibration(machine, rasterizer=cache_folder().name, measure=measure, file=file)
+    return load_calibration(machine, rasterizer=cache_folder().name, measure=measure)
 
 
 def measure_speed() -> Benchmark:
@@ -74,14 +71,23 @@ def _library_memory() -> int | None:
 
     None where it is not known, or where the limits of this process do not admit the libraries.
     """
-    engine = str(__package__).rsplit(".", 2)[0]
-    modules = ", ".join(f"{engine}.{module}" for module in ("training.loop", "cameras.sfm", "masks.sam"))
-    code = f"import {modules}; from {engine}.core.system import peak_memory; print(peak_memory() or 0)"
-    finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    if finished.returncode != 0:
-        _LOG.warning("The memory of the libraries is not known: %s", finished.stderr.strip()[-500:])
+    work = child_beside("pipeline.planning.benchmark:memory_with_libraries", {}, what="loading the libraries")
+    try:
+        with work as child:
+            memory: int | None = child.result()
+    except (HeritageError, ModuleNotFoundError) as error:
+        _LOG.warning("The memory of the libraries is not known: %s", error)
         return None
-    return int(finished.stdout) or None
+    return memory
+
+
+def memory_with_libraries() -> int | None:
+    """Load the libraries of the stages, and return the peak memory of this process in bytes, None if not known."""
+    from ...cameras import estimate_cameras  # noqa: F401
+    from ...masks import load_sam  # noqa: F401
+    from ...training import train  # noqa: F401
+
+    return peak_memory()
 
 
 def _training_step_seconds(folder: Path) -> float:

@@ -19,10 +19,11 @@ import numpy as np
 from ...cameras.settings import CameraSettings
 from ...core.settings import require
 from ...photos import PhotoStatistics
-from ...rasterizer import PROCESSOR, Device, Wanted
+from ...rasterizer import PROCESSOR, Device
+from ...rasterizer.settings import DeviceName
 from ...scene import CameraSet, Photo, PhotoSet
-from ...training import settings_with_sizes
-from ...training.settings import DEFAULT_PRESET, MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
+from ...training import MIN_PHOTOS_TO_CHOOSE, settings_with_sizes, validation_photos
+from ...training.settings import DEFAULT_PRESET, PRESETS, TrainingSettings
 
 __all__ = [
     "LeftOut",
@@ -36,7 +37,6 @@ __all__ = [
     "plan_work",
     "steps_for",
     "training_settings",
-    "with_steps",
     "work_plan_as_dict",
 ]
 
@@ -78,7 +78,7 @@ class PlanSettings:
     """
 
     preset: str = DEFAULT_PRESET
-    device: Wanted = "auto"
+    device: DeviceName = "auto"
     max_gaussians: int | None = None
     max_side: int | None = None
     wants_objects: bool = True
@@ -352,16 +352,6 @@ def steps_for(preset: TrainingSettings, n_trained: int) -> int:
     return min(schedule.steps, max(MIN_STEPS, schedule.rounds * n_trained)) if schedule.rounds else schedule.steps
 
 
-def with_steps(preset: TrainingSettings, steps: int) -> TrainingSettings:
-    """Return the settings with another number of steps, and the intervals that are shares of it."""
-
-    def scaled(interval: int) -> int:
-        return max(1, interval * steps // preset.schedule.steps)
-
-    sh_interval, grow_interval = scaled(preset.appearance.sh_interval), scaled(preset.growth.grow_interval)
-    return preset.changed(steps=steps, sh_interval=sh_interval, grow_interval=grow_interval)
-
-
 def _steps(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
     """Return the number of steps, `steps_for` the photos where anything may be left out."""
     if not settings.leave_out or "steps" in settings.overrides:
@@ -476,7 +466,7 @@ def training_settings(work: WorkPlan) -> TrainingSettings:
     preset = settings_with_sizes(work.preset, work.sizes, work.n_training).changed(**work.overrides)
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
-    planned = with_steps(preset, work.steps).changed(
+    planned = preset.with_steps(work.steps).changed(
         clustering_interval=work.clustering_interval,
         lambda_clustering=preset.features.lambda_clustering * share,
         lambda_ray=preset.features.lambda_ray * share,

@@ -1,9 +1,9 @@
 """Forecast of the time and memory of the planned work, with error bars.
 
 A formula gives the CPU seconds of each stage from the plan (`cpu_seconds_of`). They are multiplied by this machine's
-slowdown from a short benchmark and by the corrections from earlier runs (`calibration`). Wall seconds are CPU seconds
-times Amdahl's s + (1 - s) / cores, where s is the serial share of the work. The constants were fitted on two cores of a
-shared server; docs/design_notes/planning.md lists the measurements.
+slowdown from a short benchmark and by the corrections from earlier runs (`calibration`). Wall seconds follow from CPU
+seconds (`stage_forecast`). The constants were fitted on two cores of a shared server; docs/design_notes/planning.md
+lists the measurements.
 """
 
 from __future__ import annotations
@@ -20,17 +20,16 @@ from ...training.settings import TrainingSettings
 from .calibration import Calibration, outcome_name
 from .card_forecast import card_slowdown, card_step_seconds
 from .decisions import WorkPlan
+from .stage_forecast import StageForecast, wall_share, with_work_beside
 
 __all__ = [
     "Forecast",
-    "StageForecast",
     "forecast_as_dict",
     "cpu_seconds_of",
     "forecast_work",
     "memory_of",
     "step_seconds",
     "training_seconds",
-    "wall_share",
 ]
 
 _SPREAD_80 = 1.2816
@@ -49,8 +48,8 @@ _MATCHED_PAIR_SECONDS = 0.065  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per matched pair."""
 _CHECKED_PAIR_SECONDS = 0.012  # chosen on museum_room
 """Cameras: CPU seconds per matched pair of checking what the photos say against the cameras."""
-_MAPPING_SECONDS = 0.03  # chosen on museum_room, sakharov_statue32
-"""Cameras: CPU seconds of mapping n photos, divided by n^1.5."""
+_MAPPED_PAIR_SECONDS = 0.018  # chosen on museum_room, sakharov_statue32
+"""Cameras: CPU seconds of mapping per matched pair."""
 _SHARE_WITHOUT_TEXTURE = 0.5  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Cameras: share of the time that photos without any texture take. The number of features grows with the texture."""
 _GIVEN_CAMERAS_SECONDS = 1.0  # chosen on museum_room, sakharov_statue32
@@ -98,15 +97,11 @@ _LOAD_MEGAPIXEL_SECONDS = 0.15  # chosen on museum_room, sakharov_statue32
 POINTS_PER_PHOTO = 220  # chosen on museum_room, sakharov_statue32
 """Training: expected number of sparse points per photo that training starts from."""
 
-_SERIAL_SHARE = {
-    "photos": 0.1, "cameras": 0.2, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
-}  # fmt: skip  # chosen on museum_room, sakharov_statue32
-"""Share of each stage's work that cannot be divided among cores."""
-_MAX_CORES = {"masks": 2}
-"""Largest number of cores that a stage can use. SAM encodes a photo on one and decodes clicks on the other."""
-
 _MAX_MASK_PROCESSES = 8
 """Masks beside the cameras: largest number of processes. Each loads SAM."""
+
+_FIRST_PICTURE_SECONDS = 18.0  # chosen on museum_room
+"""First picture: CPU seconds, spent while the cameras are estimated by runs that are followed."""
 
 _BARE_PYTHON_BYTES = 65_000_000
 """Memory of Python without the engine's libraries."""
@@ -145,36 +140,6 @@ _MAX_VIEW_BYTES = 500_000_000
 
 
 @dataclass(frozen=True)
-class StageForecast:
-    """Expected time and memory of a stage.
-
-    Attributes
-    ----------
-    stage : str
-    seconds, low, high : float
-        Wall seconds; 8 of 10 runs are expected between `low` and `high`.
-    cpu_seconds : float
-    model_cpu_seconds : float
-        Result of the formula before corrections from earlier runs. Outcomes are compared with it.
-    memory, memory_low, memory_high : int
-        Peak memory of the process in bytes; 8 of 10 runs are expected between the last two.
-    model_memory : int
-        Peak memory from the formula, before corrections.
-    """
-
-    stage: str
-    seconds: float
-    low: float
-    high: float
-    cpu_seconds: float
-    model_cpu_seconds: float
-    memory: int
-    memory_low: int
-    memory_high: int
-    model_memory: int
-
-
-@dataclass(frozen=True)
 class Forecast:
     """Forecast of all stages of a plan.
 
@@ -206,22 +171,10 @@ class Forecast:
     @property
     def seconds(self) -> tuple[float, float, float]:
         """Wall seconds of all stages: low, expected, high. Errors of stages are independent, so their squares add."""
-        middle = sum(stage.seconds for stage in self.stages) - self.saved_seconds
+        middle = sum(stage.seconds for stage in self.stages)
         low = math.sqrt(sum((stage.seconds - stage.low) ** 2 for stage in self.stages))
         high = math.sqrt(sum((stage.high - stage.seconds) ** 2 for stage in self.stages))
         return max(0.0, middle - low), middle, middle + high
-
-    @property
-    def saved_seconds(self) -> float:
-        """Wall seconds of the masks stage that pass while the cameras are estimated.
-
-        One core is busy during the serial share of the cameras' work; the others make masks.
-        """
-        stages = {stage.stage: stage for stage in self.stages}
-        if not self.masks_beside or not {"cameras", "masks"} <= stages.keys():
-            return 0.0
-        rate = self.masks_beside * wall_share("masks", self.cores) / wall_share("masks", self.cores - 1)
-        return min(stages["masks"].seconds, rate * _SERIAL_SHARE["cameras"] * stages["cameras"].cpu_seconds)
 
     @property
     def largest(self) -> StageForecast:
@@ -300,8 +253,8 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     Notes
     -----
     - photos: 0.03 s per photo and 0.045 s per megapixel
-    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 77 ms per matched pair + 0.03 s
-      n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
+    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 77 ms per matched pair + 18 ms for
+      mapping it) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
     - masks: 3 s per photo
     - training: `training_seconds`
     - objects: 1 s, 0.5 s per prompt, and 0.98 s + 18 us N per photo with segments that the graph reads
@@ -318,7 +271,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
             n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
             + n_compared * _COMPARED_PAIR_SECONDS
             + work.n_pairs * (_MATCHED_PAIR_SECONDS + _CHECKED_PAIR_SECONDS)
-            + (0.0 if work.poses_given else _MAPPING_SECONDS * n**1.5)
+            + (0.0 if work.poses_given else work.n_pairs * _MAPPED_PAIR_SECONDS)
         )
         return seconds * (_SHARE_WITHOUT_TEXTURE + work.texture)
     if stage == "masks":
@@ -436,14 +389,16 @@ def forecast_work(
     estimates, n_masks = machine.cores > 1 and not work.poses_given, 0
     if estimates and masks:
         n_masks = int(min(_mask_processes(machine.cores), max(0.0, (free - cameras) / masks)))
+    pictures = estimates and cameras + n_masks * masks + _FIRST_PICTURE_BYTES <= free
+    picture_seconds = _FIRST_PICTURE_SECONDS * calibration.slowdown("training") if pictures else 0.0
     return Forecast(
-        expected,
+        with_work_beside(expected, machine.cores, n_masks, picture_seconds) if estimates else expected,
         machine.free_bytes,
         machine.cores,
         calibration.n_runs,
         work.device.name,
         masks_beside=n_masks,
-        picture_beside=estimates and cameras + n_masks * masks + _FIRST_PICTURE_BYTES <= free,
+        picture_beside=pictures,
     )
 
 
@@ -467,30 +422,20 @@ def _forecast_stage(
     )
     cpu, wall, memory = (calibration.correction(outcome, quantity) for quantity in ("cpu", "wall", "memory"))
     cpu_seconds = model_cpu * math.exp(cpu.mean)
-    seconds = cpu_seconds * wall_share(outcome, machine.cores) * math.exp(wall.mean)
+    share = wall_share(outcome, machine.cores)
+    seconds = cpu_seconds * share * math.exp(wall.mean)
     spread = math.exp(_SPREAD_80 * math.sqrt(cpu.variance + wall.variance))
     peak = model_memory * math.exp(memory.mean)
     memory_spread = math.exp(_SPREAD_80 * math.sqrt(memory.variance))
     return StageForecast(
         stage, seconds, seconds / spread, seconds * spread, cpu_seconds, model_cpu,
-        int(peak), int(peak / memory_spread), int(peak * memory_spread), model_memory,
+        int(peak), int(peak / memory_spread), int(peak * memory_spread), model_memory, share,
     )  # fmt: skip
 
 
 def _mask_processes(cores: int) -> int:
     """Return the number of processes that make masks beside the cameras: each takes two cores, half of all are left."""
     return max(1, min(_MAX_MASK_PROCESSES, cores // 4))
-
-
-def wall_share(stage: str, cores: int) -> float:
-    """Return the wall seconds per CPU second of a stage on `cores` idle cores, after Amdahl's law.
-
-    A stage on a graphics card, named as by `outcome_name`, takes as long as its formula says on any number of cores.
-    """
-    if stage not in _SERIAL_SHARE:
-        return 1.0
-    cores = min(cores, _MAX_CORES.get(stage, cores))
-    return _SERIAL_SHARE[stage] + (1.0 - _SERIAL_SHARE[stage]) / cores
 
 
 def forecast_as_dict(forecast: Forecast) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ...project.folder import ProjectFolder
 from .calibration import Calibration, outcome_name
 from .decisions import WorkPlan
-from .forecast import Forecast, wall_share
+from .forecast import Forecast
 
 __all__ = ["update_calibration"]
 
@@ -56,7 +56,7 @@ def update_calibration(
         calibration.add_outcome(outcome, "cpu", formula=formula, actual=cpu)
         peak = record["peak_memory"]
         if beside is None:
-            calibration.add_outcome(outcome, "wall", formula=cpu * wall_share(outcome, forecast.cores), actual=wall)
+            calibration.add_outcome(outcome, "wall", formula=cpu * expected[stage].wall_share, actual=wall)
         elif beside["peak_memory"] is not None:
             peak = max(beside["peak_memory"], peak or 0)
         calibration.add_outcome(outcome, "memory", formula=expected[stage].model_memory, actual=peak)

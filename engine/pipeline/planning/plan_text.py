@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from ...masks.settings import EMBEDDING_BYTES, MAX_EMBEDDINGS
 from ...rasterizer import device_words
-from ...training.settings import TrainingPreset, validation_photos
+from ...training import validation_photos
+from ...training.settings import TrainingPreset
 from .decisions import WorkPlan
 from .forecast import Forecast
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from ...core.settings import require
+from ...rasterizer.settings import DeviceName
 from ...training.settings import PRESETS
 
 __all__ = ["EVERYTHING", "BenchSettings"]
@@ -44,7 +44,7 @@ class BenchSettings:
     everything: bool = False
     random_seeds: tuple[int, ...] = (0,)
     limit_minutes: float | None = None
-    device: Literal["auto", "cpu", "gpu"] = "auto"
+    device: DeviceName = "auto"
     camera_model: Path | None = None
     photo_masks: Path | None = None
 

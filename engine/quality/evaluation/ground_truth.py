@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,11 +15,10 @@ from ...core.arrays import Mask
 from ...core.errors import FormatError, HeritageError, MaskError
 from ...core.files import is_inner_name, opened, optional, read_json, read_text
 from ...scene import photos_called
+from .settings import Layout
 
-__all__ = ["LAYOUTS", "GroundTruth", "Layout", "read_ground_truth"]
+__all__ = ["GroundTruth", "read_ground_truth"]
 
-Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]
-LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 
 _MIN_PIXELS = 100
 """Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""
@@ -51,7 +50,7 @@ class GroundTruth:
     Attributes
     ----------
     layout : str
-        Layout of the folder, one of `LAYOUTS`.
+        Layout of the folder, see `Layout`.
     photos : tuple of str
         Photos with at least one mask, by their names in the project, in order.
     objects : tuple of str

@@ -23,9 +23,9 @@ from ...scene import read_camera_set
 from .ceiling import words_of_true_masks
 from .comparison import Comparison, Scores, compare_with_all, score_photo
 from .gaussian_truth import gaussian_iou, gaussian_truth
-from .ground_truth import GroundTruth, Layout, read_ground_truth
+from .ground_truth import GroundTruth, read_ground_truth
 from .results import FOUND_IOU, Evaluation, Result, ResultKind, Row, Search, Word, mean_of
-from .settings import EvaluationSettings, Method, methods_of
+from .settings import EvaluationSettings, Layout, Method, methods_of
 from .trained_scene import Answer, Question, TrainedScene
 
 __all__ = ["evaluate_project"]

@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from .ground_truth import Layout
-from .settings import EvaluationSettings
+from .settings import EvaluationSettings, Layout
 
 __all__ = ["FOUND_IOU", "WHOLE_IOU", "Evaluation", "Result", "ResultKind", "Row", "Search", "Word", "mean_of"]
 

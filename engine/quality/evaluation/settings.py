@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
-from ...core.settings import require
+from ...core.settings import require, require_choices
 from ...objects.settings import BETTER, PRESETS, PaperSettings, SegmentSettings
 
 __all__ = [
@@ -13,12 +13,17 @@ __all__ = [
     "IN_SAMPLE_SCENES",
     "MARKS",
     "EvaluationSettings",
+    "Layout",
     "Method",
     "PromptKind",
+    "Views",
     "methods_of",
 ]
 
 PromptKind = Literal["text", "mask", "click", "all"]
+Views = Literal["held-out", "all"]
+Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]
+"""Layouts of folders with a ground truth."""
 
 IN_SAMPLE_SCENES = ("museum_room", "store_room", *(f"room_{number}" for number in range(1, 9)))
 """Scenes that constants of the method were chosen on. On any other scene an evaluation is a test."""
@@ -62,7 +67,7 @@ class EvaluationSettings:
 
     presets: tuple[str, ...] = ("paper", "better")
     prompt_kind: PromptKind = "mask"
-    views: Literal["held-out", "all"] = "held-out"
+    views: Views = "held-out"
     ablations: bool = False
     view_counts: tuple[int, ...] = ()
     objects: tuple[str, ...] = ()
@@ -76,10 +81,9 @@ class EvaluationSettings:
         require(self, "view_counts", all(count >= 1 for count in self.view_counts), "at least 1 each")
         different = len(set(self.view_counts)) == len(self.view_counts)
         require(self, "view_counts", different, "different from each other")
-        require(self, "prompt_kind", self.prompt_kind in get_args(PromptKind), "'text', 'mask', 'click' or 'all'")
+        require_choices(self)
         finds_all = self.prompt_kind != "all" or _FINDS_ALL in self.presets
         require(self, "presets", finds_all, f"with {_FINDS_ALL} among them to find all objects")
-        require(self, "views", self.views in ("held-out", "all"), "'held-out' or 'all'")
 
 
 @dataclass(frozen=True)

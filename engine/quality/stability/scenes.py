@@ -97,13 +97,13 @@ def slanted_camera(width: int = 40, height: int = 30, *, focal: float = 50.0) ->
     return PinholeCamera(viewmat, k, width, height)
 
 
-def ordinary_scene(n: int = 24, *, seed: int = 0, size: float = 0.12, camera: PinholeCamera | None = None) -> Scene:
+def ordinary_scene(n: int = 24, *, camera: PinholeCamera | None = None) -> Scene:
     """Return `n` ordinary Gaussians 3 units in front of the camera, with harmonics up to band 1 and two channels."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     arrays: dict[str, NDArray[np.float64]] = {
         "means": rng.uniform(-1.0, 1.0, (n, 3)) * [0.7, 0.5, 0.6] + [0.0, 0.0, 3.0],
         "quats": rng.normal(size=(n, 4)),
-        "scales": size * np.exp(0.5 * rng.normal(size=(n, 3))),
+        "scales": 0.12 * np.exp(0.5 * rng.normal(size=(n, 3))),
         "opacities": 1.0 / (1.0 + np.exp(-1.5 * rng.normal(size=n))),
         "sh": 0.3 * rng.normal(size=(n, 4, 3)),
         "channels": rng.normal(size=(n, 2)),

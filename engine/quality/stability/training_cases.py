@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...training import TrainingResult
-from ...training.settings import PRESETS, TrainingSettings
+from ...training.settings import MAX_GROW_FACTOR, PRESETS, TrainingSettings
 from .training_floors import (
     ABOVE_FLAT_DB,
     EASIER_DB,
@@ -250,7 +250,7 @@ def _one_point() -> Capture:
 
 def _points_and_budget() -> list[TrainingCase]:
     budget = SETTINGS.changed
-    vast = budget(max_gaussians=2_000_000, steps=360, grow_interval=30)
+    vast = budget(max_gaussians=2_000_000, steps=360, grow_interval=60)
     return [
         _finishes("no_points", "no sparse points", lambda: _known().without_points(), flat_floor(_known)),
         _finishes("one_point", "one sparse point", _one_point, flat_floor(_known)),
@@ -267,14 +267,15 @@ def _points_and_budget() -> list[TrainingCase]:
 
 
 def _uses_the_budget(result: TrainingResult, settings: TrainingSettings) -> list[str]:
-    """Check that Gaussians are added, at most 1.3 times as many at each growth, and that they fit the training photos.
+    """Check that Gaussians are added, by no more than a growth may, and that they fit the training photos.
 
     With more values than the photos have, they must reproduce them to an RMS error of 1 %. Rounding and random draws
     change this PSNR far less than that of the held-out photos: 43.3 to 45.0 dB in 20 runs.
     """
     n_growths = settings.schedule.steps * settings.growth.grow_until / settings.growth.grow_interval
     first, last = result.curve[0].n_gaussians, result.curve[-1].n_gaussians
-    problems = [f"{first} Gaussians became {last} in {n_growths:.0f} growths"] if last > first * 1.3**n_growths else []
+    most = first * MAX_GROW_FACTOR**n_growths
+    problems = [f"{first} Gaussians became {last} in {n_growths:.0f} growths"] if last > most else []
     problems += ["no Gaussians were added"] if last <= first else []
     psnr = training_psnr(result.gaussians, _known())
     return problems + ([f"{psnr:.2f} dB on the training photos, less than {_FITTED_DB:g}"] if psnr < _FITTED_DB else [])

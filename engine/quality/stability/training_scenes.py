@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ...cameras import normalised_points, normalised_viewmat, original_from_world
 from ...core.arrays import Float64, Pixels
-from ...core.events import Emit, ignore_events
+from ...core.events import ignore_events
 from ...formats import SH_C0
 from ...rasterizer import rasterize
 from ...scene import CameraSet, Gaussians, PinholeCamera
@@ -142,7 +142,7 @@ class TrainingInput:
         return replace(self, start=replace(self.start, **arrays))
 
 
-def training_input(capture: Capture, settings: TrainingSettings, *, emit: Emit = ignore_events) -> TrainingInput:
+def training_input(capture: Capture, settings: TrainingSettings) -> TrainingInput:
     """Return start and views of `capture`, as the pipeline makes them for given poses."""
     similarity = original_from_world(list(capture.viewmats), capture.points)
     training, _ = capture.split()
@@ -158,7 +158,7 @@ def training_input(capture: Capture, settings: TrainingSettings, *, emit: Emit =
     ]
     points = normalised_points(capture.points, similarity)
     cameras = CameraSet((), (), points, capture.colors, float("nan"), similarity, True)
-    return TrainingInput(start_gaussians(cameras, views, settings, emit=emit), tuple(views))
+    return TrainingInput(start_gaussians(cameras, views, settings, emit=ignore_events), tuple(views))
 
 
 def pinhole(viewmat: Float64, focal: float) -> PinholeCamera:

@@ -18,6 +18,7 @@ from typing import Any
 
 from .adapters import Gpu
 from .constants import Constants
+from .passes import KernelPass, address_of
 
 __all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "Timings", "encode", "run_together", "wait_until_done"]
 
@@ -78,6 +79,11 @@ class Dispatch:
         n = max(1, self.n_groups)
         x = min(n, 65535)
         return x, -(-n // x)
+
+    @functools.cached_property
+    def addresses(self) -> tuple[int, int]:
+        """Addresses of the pipeline and of the bindings."""
+        return address_of(self.pipeline), address_of(self.bindings)
 
     def parts(self, n: int) -> list[Dispatch]:
         """Return the same work in at most `n` dispatches."""
@@ -188,7 +194,7 @@ class Submissions:
 
     def run(self, zeroed: Iterable[Any]) -> None:
         """Queue all dispatches after setting the buffers `zeroed` to zero."""
-        run_together(self._gpu, [(self, zeroed)])
+        run_together(self._gpu, [self], zeroed=zeroed)
 
     def next_batches(self) -> list[tuple[float, list[Dispatch]]]:
         """Return the dispatches of each submission of the next run with its forecast time, none if it measures them."""
@@ -276,39 +282,48 @@ def wait_until_done(gpu: Gpu, buffer: Any) -> None:
 
 
 def run_together(
-    gpu: Gpu, runs: Iterable[tuple[Submissions, Iterable[Any]]], *, copies: Iterable[tuple[Any, Any]] = ()
+    gpu: Gpu, runs: Iterable[Submissions], *, copies: Iterable[tuple[Any, Any]] = (), zeroed: Iterable[Any] = ()
 ) -> None:
     """Queue lists of dispatches one after the other, in as few submissions as the limit allows.
 
     Parameters
     ----------
     gpu : Gpu
-    runs : iterable of (Submissions, iterable of wgpu.GPUBuffer)
-        With each list, the buffers that are set to zero before it. What the processor writes to buffers in between is
-        there from the first dispatch on.
+    runs : iterable of Submissions
+        What the processor writes to buffers in between is there from the first dispatch on.
     copies : iterable of (wgpu.GPUBuffer, wgpu.GPUBuffer)
         Buffers that are first copied to the start of others.
+    zeroed : iterable of wgpu.GPUBuffer
+        Buffers that are first set to zero.
     """
-    queue = gpu.device.queue
-    encoder, filled = gpu.device.create_command_encoder(), 0.0
+    device, filled = gpu.device, 0.0
+    encoder = device.create_command_encoder()
     for source, to in copies:
         encoder.copy_buffer_to_buffer(source, 0, to, 0, source.size)
-    for run, zeroed in runs:
-        for buffer in zeroed:
-            encoder.clear_buffer(buffer)
+    for buffer in zeroed:
+        encoder.clear_buffer(buffer)
+    waiting: list[tuple[Sequence[Dispatch], Any]] = []
+
+    def submit() -> None:
+        if waiting:
+            _encode_together(encoder, waiting)
+        device.queue.submit([encoder.finish()])
+        waiting.clear()
+
+    for run in runs:
         batches = run.next_batches()
         run.send_constants()
         for seconds, together in batches:
             if filled and filled + seconds > FILL * LIMIT_S:
-                queue.submit([encoder.finish()])
-                encoder, filled = gpu.device.create_command_encoder(), 0.0
-            encode(encoder, together, run.sizes)
+                submit()
+                encoder, filled = device.create_command_encoder(), 0.0
+            waiting.append((together, run.sizes))
             filled += seconds
         if not batches:
-            queue.submit([encoder.finish()])
+            submit()
             run.measure()
-            encoder, filled = gpu.device.create_command_encoder(), 0.0
-    queue.submit([encoder.finish()])
+            encoder, filled = device.create_command_encoder(), 0.0
+    submit()
 
 
 def _n_parts(seconds: float) -> int:
@@ -323,15 +338,17 @@ def encode(
 
     `time_stage` gives the descriptor of a compute pass for each stage, to measure it.
     """
-    timed = time_stage is not None
-    for stage, together in itertools.groupby(dispatches, key=lambda dispatch: dispatch.stage if timed else ""):
-        descriptor = {} if time_stage is None else {"timestamp_writes": time_stage(stage, encoder)}
-        compute = encoder.begin_compute_pass(**descriptor)
-        for dispatch in together:
-            compute.set_pipeline(dispatch.pipeline)
-            compute.set_bind_group(0, dispatch.bindings)
-            if dispatch.indirect >= 0:
-                compute.dispatch_workgroups_indirect(sizes, 4 * dispatch.indirect)
-            else:
-                compute.dispatch_workgroups(*dispatch.groups, 1)
-        compute.end()
+    if time_stage is None:
+        _encode_together(encoder, [(dispatches, sizes)])
+        return
+    for stage, together in itertools.groupby(dispatches, key=lambda dispatch: dispatch.stage):
+        _encode_together(encoder, [(together, sizes)], timestamp_writes=time_stage(stage, encoder))
+
+
+def _encode_together(encoder: Any, lists: Iterable[tuple[Iterable[Dispatch], Any]], **descriptor: Any) -> None:
+    """Add lists of dispatches, each with its buffer of workgroups, to one compute pass."""
+    compute = KernelPass(encoder, **descriptor)
+    for dispatches, sizes in lists:
+        for dispatch in dispatches:
+            compute.add(dispatch, sizes)
+    compute.end()

@@ -140,12 +140,12 @@ class Workspace:
             self.gpu.device.queue.write_buffer(self.buffers[name], 0, np.ascontiguousarray(values))
 
     def read(self, name: str, shape: Sequence[int], dtype: type = np.float32) -> NDArray[Any]:
-        """Return a copy of the buffer `name` from its start on."""
+        """Return a copy of the buffer `name` from its start on, which may be written to."""
         n_bytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
         if not n_bytes:
             return np.zeros(shape, dtype)
         data = self.gpu.device.queue.read_buffer(self.buffers[name], 0, n_bytes)
-        return np.frombuffer(data, dtype).reshape(shape).copy()
+        return np.frombuffer(data, dtype).reshape(shape)
 
     def release(self) -> None:
         """Free the buffers that nothing else uses, after which the object is useless.

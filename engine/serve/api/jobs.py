@@ -47,6 +47,7 @@ class Reconstruction(BaseModel):
     kind: Literal["reconstruct"]
     preset: _Preset = DEFAULT_PRESET
     mask_background: bool = False
+    light: bool = False
 
 
 class Frames(BaseModel):
@@ -114,7 +115,7 @@ def _reconstruction(project: WebProject, wanted: Reconstruction, settings: Serve
         raise ProjectError("Upload photos first.")
     return [
         "reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *_device(settings),
-        *(["--mask-background"] if wanted.mask_background else []),
+        *(["--mask-background"] if wanted.mask_background else []), *(["--light"] if wanted.light else []),
     ]  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
 from ...photos.settings import VIDEO_SUFFIXES
-from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
+from ...training.settings import DEFAULT_PRESET, LIGHT_DESCRIPTION, LIGHT_LABEL, OFFERED_PRESETS
 from ..access import CurrentUser, local_user, server_of, session_cookie, session_user, set_session
 from ..downloads import DOWNLOADS
 from ..settings import PHOTO_TYPES
@@ -65,5 +65,6 @@ def _description(request: Request, user: str | None, cookie: str) -> dict[str, A
         "limits": limits,
         "presets": [{"name": one.name, "label": one.label, "description": one.description} for one in OFFERED_PRESETS],
         "default_preset": DEFAULT_PRESET,
+        "light": {"label": LIGHT_LABEL, "description": LIGHT_DESCRIPTION},
         "formats": [{"name": one.name, "label": one.label, "of_scenes": one.write_mesh is None} for one in DOWNLOADS],
     }

@@ -117,7 +117,9 @@ class GpuDetailSteps:
         )  # fmt: skip
         self._parents = np.arange(self._n_own)
         self._waiting: list[Future[_Step]] = []
-        self._packing = ThreadPoolExecutor(1)
+        # While steps are queued, those after them are drawn and packed.
+        self._packing, self._queueing = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._queued: Future[list[float]] | None = None
         self._seen: deque[DetailCrop] = deque(maxlen=_ERROR_WINDOWS)
         self._generator = torch.Generator().manual_seed(0)
         self._median_scale = median_scale(torch.from_numpy(gaussians.log_scales))
@@ -132,16 +134,26 @@ class GpuDetailSteps:
         self._seen.append(crop)
         self._waiting.append(self._packing.submit(self._packed, crop, rates))
         if len(self._waiting) == _BATCH:
-            self._flush()
+            self._queue()
 
     def _packed(self, crop: DetailCrop, rates: Mapping[str, float]) -> _Step:
         window = packed_window(crop, _padded(crop.camera), self._views[crop.photo])
         return _Step(window, rates, self._degree)
 
     @told_how_to_continue(_ADVICE)
-    def _flush(self) -> None:
+    def _queue(self) -> None:
+        """Let the steps that wait be made, when those before them are."""
+        if self._queued is not None:
+            self._queued.result()
         steps, self._waiting = self._waiting, []
-        self._trainer.steps(step.result() for step in steps)  # type: ignore[arg-type, misc]
+        self._queued = self._queueing.submit(self._trainer.steps, (step.result() for step in steps))  # type: ignore[arg-type, misc]
+
+    @told_how_to_continue(_ADVICE)
+    def _flush(self) -> None:
+        """Wait until all steps are made."""
+        self._queue()
+        assert self._queued is not None
+        self._queued.result()
 
     @told_how_to_continue(_ADVICE)
     def grow(self, n_new: int) -> None:
@@ -178,6 +190,7 @@ class GpuDetailSteps:
         """See `DetailSteps`."""
         self._flush()
         self._packing.shutdown()
+        self._queueing.shutdown()
         values, moments = self._trainer.download()
         own = {name: value[self._n_frozen :] for name, value in values.items()}
         return Parameters(own, moments).to_gaussians(unit_features=False), self._parents

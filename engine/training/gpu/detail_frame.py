@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,15 +54,12 @@ def packed_window(crop: DetailCrop, camera: PinholeCamera, view: int) -> Window:
     height, width = crop.shape
     targets = np.zeros((3, _stride(camera.width * camera.height)), np.uint32)
     whole = targets[:, : camera.width * camera.height].reshape(3, camera.height, camera.width)
-    color = np.zeros((height, width, 4), np.uint8)
-    color[..., :3] = crop.pixels
-    word = color.view("<u4")[..., 0]
-    valid = np.uint32(0xFF000000)
+    parts, colors = whole[:, :height, :width], cv2.split(crop.pixels)
+    for part, counted in zip(parts, (crop.compared, crop.inside), strict=False):
+        part[:] = cv2.merge([*colors, counted.view(np.uint8) * np.uint8(255)]).view("<u4")[..., 0]
     kept = crop.shown & ~crop.inside
-    whole[0, :height, :width] = word | np.where(crop.compared, valid, np.uint32(0))
-    whole[1, :height, :width] = word | np.where(crop.inside, valid, np.uint32(0))
-    cover = np.rint(np.clip(crop.alpha, 0, 1) * 65535).astype(np.uint32)
-    whole[2, :height, :width] = cover | crop.known * _KNOWN | kept * _KEPT
+    flags = crop.known.astype(np.uint32) * _KNOWN | kept.astype(np.uint32) * _KEPT
+    np.bitwise_or(np.rint(np.clip(crop.alpha, 0, 1) * 65535).astype(np.uint32), flags, out=parts[2])
     counts = tuple(int(np.count_nonzero(mask)) for mask in (crop.compared, crop.inside, crop.known, kept))
     return Window(camera, targets, counts, view)  # type: ignore[arg-type]
 
@@ -158,9 +156,8 @@ class DetailFrame(TrainingFrame):
     def step(self) -> None:
         """Queue one step."""
         runs = [
-            (self._activate, []), (self._forward, [self.buffers["tile_ranges"]]), (self._loss_in_scene, []),
-            (self._backward, []), (self._keep, []),
-            (self._alone, []), (self._backward, []), (self._add, []), (self._finish, [self.buffers["skipped"]]),
+            self._activate, self._forward, self._loss_in_scene, self._backward, self._keep,
+            self._alone, self._backward, self._add, self._finish,
         ]  # fmt: skip
         self.start_counts()
-        run_together(self.gpu, runs)
+        run_together(self.gpu, runs, zeroed=[self.buffers[name] for name in ("tile_ranges", "skipped")])

@@ -34,4 +34,4 @@ class ErrorSum:
     def add(self, pixels: Any) -> None:
         """Queue the errors of the image that was rendered last, compared with a photo."""
         frame = self._frame
-        run_together(frame.gpu, [(self._gradient, []), (self.run, [])], copies=[(pixels, frame.buffers["photo"])])
+        run_together(frame.gpu, [self._gradient, self.run], copies=[(pixels, frame.buffers["photo"])])

@@ -270,8 +270,7 @@ class TrainingFrame(TrainingWorkspace, Frame):
             10: photo.lambda_scale / (3 * s.n),
             11: photo.lambda_ray / (s.width * s.height),
         }
-        for place, factor in factors.items():
-            values[place] = np.float32(factor).view(np.uint32)
+        values[list(factors)] = np.array(list(factors.values()), np.float32).view(np.uint32)
         values[6], values[8] = photo.view, -(-s.n // 256)
         values[12], values[13] = photo.detached, photo.given is not None
         return values
@@ -373,21 +372,19 @@ class TrainingFrame(TrainingWorkspace, Frame):
 
     def step(self) -> None:
         """Queue one step."""
-        runs = [(self._activate, []), (self._forward, [self.buffers["tile_ranges"]]), (self._loss, [])]
-        runs += self._terms_of(before_backward=True)
-        runs.append((self._backward, []))
-        runs += self._terms_of(before_backward=False)
-        runs.append((self._finish, [self.buffers["skipped"]]))
+        runs = [self._activate, self._forward, self._loss, *self._terms_of(before_backward=True)]
+        runs += [self._backward, *self._terms_of(before_backward=False), self._finish]
         self.start_counts()
-        run_together(self.gpu, runs, copies=[(self._photo.pixels, self.buffers["photo"])])
+        zeroed = [self.buffers[name] for name in ("tile_ranges", "skipped")]
+        run_together(self.gpu, runs, copies=[(self._photo.pixels, self.buffers["photo"])], zeroed=zeroed)
 
-    def _terms_of(self, *, before_backward: bool) -> list[tuple[Submissions, list[Any]]]:
+    def _terms_of(self, *, before_backward: bool) -> list[Submissions]:
         """Return the dispatches of the further losses of the step that are due before or after the backward pass."""
         due = [sample for sample in self._photo.terms if sample.before_backward == before_backward]
         for sample in due:
             if type(sample) not in self._terms:
                 self._terms[type(sample)] = sample.loss_on(self)
-        return [(self._terms[type(sample)].prepared(sample), []) for sample in due]
+        return [self._terms[type(sample)].prepared(sample) for sample in due]
 
     def render(self) -> None:
         """Queue a picture without a loss."""

@@ -20,7 +20,8 @@ __all__ = ["PaperSample", "drawn_of_paper", "neighbours_of", "paper_regulariser"
 PAPER_SUBSET = 300_000  # Dahaghin et al. 2024
 """Random Gaussians that `paper_regulariser` is restricted to, as in the released code."""
 
-_NEAR, _FAR = 2, 5  # as in extremes.wgsl
+_NEAR, _FAR = 2, 5  # Dahaghin et al. 2024
+"""Nearest Gaussians of an anchor, itself among them, and farthest ones, as in extremes.wgsl."""
 
 _ANCHORS = 128
 """Anchors in one submission, so that slow cards are not kept busy for too long."""
@@ -39,8 +40,6 @@ def paper_regulariser(
     lambda_pull: float = LAMBDA_PULL,
     lambda_push: float = LAMBDA_PUSH,
     generator: torch.Generator,
-    n_near: int = 2,  # Dahaghin et al. 2024
-    n_far: int = 5,  # Dahaghin et al. 2024
 ) -> torch.Tensor:
     """Return L_reg as the released code of Dahaghin et al. 2024 computes it.
 
@@ -52,9 +51,7 @@ def paper_regulariser(
     lambda_pull, lambda_push : float
         Weights.
     generator : torch.Generator
-        Draws the 300,000 Gaussians and the 1,000 anchors.
-    n_near, n_far : int
-        Numbers of nearest (which include the anchor) and farthest Gaussians per anchor.
+        Draws the 300,000 Gaussians and the 1,000 anchors. Of each, 2 nearest (with itself) and 5 farthest count.
 
     Returns
     -------
@@ -64,8 +61,8 @@ def paper_regulariser(
     places = means.detach()[subset]
     unit = torch.nn.functional.normalize(features[subset], dim=1, eps=1e-9)
     distances = torch.cdist(places[anchors], places)
-    near = distances.topk(min(n_near, len(subset)), largest=False).indices
-    distant = distances.topk(min(n_far, len(subset))).indices
+    near = distances.topk(min(_NEAR, len(subset)), largest=False).indices
+    distant = distances.topk(min(_FAR, len(subset))).indices
     near_cosine = (unit[anchors, None] * unit[near]).sum(dim=2).mean()
     far_cosine = (unit[anchors, None] * unit[distant]).sum(dim=2).mean()
     return lambda_pull * torch.sigmoid(1.0 - near_cosine) + lambda_push * torch.sigmoid(far_cosine)

@@ -12,7 +12,7 @@ from distributed.security import Security
 
 from ...core.errors import EnvironmentProblem
 from ...core.system import describe_machine, usable_cores
-from .engine_process import CORES_VARIABLE
+from ..jobs import CORES_VARIABLE
 from .settings import BatchSettings
 
 __all__ = ["GPU", "MEMORY", "connected_client", "worker_resources"]

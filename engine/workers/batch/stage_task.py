@@ -23,7 +23,7 @@ from ...core.events import ErrorEvent, Event, Finished, Metric, Progress, to_jso
 from ...core.files import check, delete_derived, write_problem
 from ...pipeline.stages import STAGES
 from ...project.folder import ProjectFolder
-from .engine_process import EngineProcess
+from ..jobs import EngineRun
 from .shipping import Bundle, pack, unpack
 
 __all__ = ["topic_of", "run_stage", "stop_stages", "stored_forecast"]
@@ -31,7 +31,7 @@ __all__ = ["topic_of", "run_stage", "stop_stages", "stored_forecast"]
 _SAY_SECONDS, _RELAY_SECONDS = 5.0, 1.0
 """Seconds between two messages about the progress of a stage, and where somebody watches it."""
 _FORECAST = {"stages": [{"stage": str, "memory": int, "memory_high": int, "cpu_seconds": float, "seconds": float}]}
-_RUNNING: dict[str, set[EngineProcess]] = {}
+_RUNNING: dict[str, set[EngineRun]] = {}
 """The engines that this worker process runs, by batch."""
 _STOPPED: set[str] = set()
 _LOCK = threading.Lock()
@@ -128,7 +128,7 @@ def _run_engine(
         if batch in _STOPPED:
             answer["outcome"] = "stopped"
             return
-        engine = EngineProcess.start(command, on_event=on_event)
+        engine = EngineRun(command, on_event)
         _RUNNING.setdefault(batch, set()).add(engine)
     try:
         code = engine.wait()
@@ -149,7 +149,7 @@ def _run_engine(
     elif code < 0 and not state.error:
         answer.update(outcome="killed", error=f"The engine was killed by signal {-code}, often for lack of memory.")
     elif not state.error:
-        answer["error"] = f"The engine ended with code {code}: {engine.last_complaint()}"
+        answer["error"] = f"The engine ended with code {code}: {engine.process.last_complaint()}"
     _add_state(out, answer)
 
 

@@ -1,25 +1,36 @@
 """Engine processes as seen from outside: started, polled, stopped and found again. Blender and the server use them."""
 
-from .click_preview import ClickAnswer, ClickPreview, click_question, pack_mask, read_question
-from .job import Job, JobState, format_seconds
-from .prompt_arguments import (
-    Click,
-    any_word_arguments,
-    click_arguments,
-    name_arguments,
-    refine_arguments,
-    text_arguments,
-)
-from .time_left import seconds_left_in_all
-from .waiting import WaitingJob
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...core.lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .click_preview import ClickAnswer, ClickPreview, click_question, pack_mask, read_question
+    from .engine_run import CORES_VARIABLE, EngineRun
+    from .job import Job, JobState, format_seconds
+    from .prompt_arguments import (
+        Click,
+        any_word_arguments,
+        click_arguments,
+        name_arguments,
+        refine_arguments,
+        text_arguments,
+    )
+    from .time_left import seconds_left_in_all
+    from .waiting import WaitingJob, WaitingJobs
 
 __all__ = [
+    "CORES_VARIABLE",
     "Click",
     "ClickAnswer",
     "ClickPreview",
+    "EngineRun",
     "Job",
     "JobState",
     "WaitingJob",
+    "WaitingJobs",
     "any_word_arguments",
     "click_arguments",
     "click_question",
@@ -31,3 +42,5 @@ __all__ = [
     "seconds_left_in_all",
     "text_arguments",
 ]
+
+__getattr__ = lazy_exports(__name__, __file__)

@@ -11,7 +11,6 @@ import binascii
 import contextlib
 import json
 import queue
-import subprocess
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,9 +20,9 @@ import numpy as np
 
 from ...core import events
 from ...core.arrays import Mask
-from ...core.engine_process import events_in
+from ...core.engine_process import EngineProcess, events_in
+from ...core.errors import DiskError
 from ...core.files import check, parse_json
-from ...core.system import no_window
 from .prompt_arguments import Click
 
 __all__ = ["ClickAnswer", "ClickPreview", "click_question", "pack_mask", "read_question"]
@@ -96,17 +95,11 @@ class ClickPreview:
         self._answers: queue.SimpleQueue[ClickAnswer] = queue.SimpleQueue()
         self._waiting: str | None = None
         self._is_asked = self._is_closed = False
+        self._process: EngineProcess | None = None
         try:
-            self._process: subprocess.Popen[bytes] | None = subprocess.Popen(
-                list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-                env=dict(environment), **no_window(),
-            )  # fmt: skip
-        except OSError as error:
-            self._process = None
-            self._answers.put(ClickAnswer("", {}, f"The engine could not be started: {error.strerror or error}."))
-            return
-        assert self._process.stdout is not None
-        threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True).start()
+            self._process = EngineProcess.start(command, environment, self._read)
+        except DiskError as error:
+            self._answers.put(ClickAnswer("", {}, str(error)))
 
     def ask(self, question: str) -> None:
         """Ask a question of `click_question`, at once or after the one that is being answered."""
@@ -135,30 +128,25 @@ class ClickPreview:
         """End the process."""
         process, self._process = self._process, None
         self._waiting, self._is_asked, self._is_closed = None, False, True
-        if process is None:
-            return
-        # Blender does not wait for it.
-        threading.Thread(target=_end, args=(process,), daemon=True).start()
+        if process is not None:
+            # Blender does not wait for it.
+            threading.Thread(target=process.close, args=(_END_SECONDS,), daemon=True).start()
 
     def _send(self) -> None:
         if self._waiting is None or self._is_asked or self._process is None:
             return
-        assert self._process.stdin is not None
         question, self._waiting = self._waiting, None
-        with contextlib.suppress(OSError):  # It has ended, which `_read` reports.
-            self._process.stdin.write(f"{question}\n".encode())
-            self._process.stdin.flush()
-            self._is_asked = True
+        # That it has ended, `_read` reports.
+        self._is_asked = self._process.send(f"{question}\n".encode())
 
     def _read(self, stream: IO[bytes]) -> None:
         has_error = False
-        with stream:
-            for event in events_in(stream):
-                if isinstance(event, events.Finished):
-                    self._answers.put(_answer(event.outputs))
-                elif isinstance(event, events.ErrorEvent):
-                    has_error = True
-                    self._answers.put(ClickAnswer("", {}, event.message))
+        for event in events_in(stream):
+            if isinstance(event, events.Finished):
+                self._answers.put(_answer(event.outputs))
+            elif isinstance(event, events.ErrorEvent):
+                has_error = True
+                self._answers.put(ClickAnswer("", {}, event.message))
         if not has_error:
             self._answers.put(ClickAnswer("", {}, "The engine stopped showing what clicks mean. Click Object again."))
 
@@ -182,14 +170,3 @@ def _unpacked(packed: Mapping[str, Any]) -> Mask:
     if not 0 < count <= _MAX_SIDE**2 or len(bits) != -(-count // 8):
         return np.zeros((1, 1), bool)
     return np.unpackbits(bits, count=count).reshape(height, width).astype(bool)
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    with contextlib.suppress(OSError):
-        if process.stdin is not None:
-            process.stdin.close()
-    try:
-        process.wait(_END_SECONDS)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()

@@ -7,11 +7,8 @@ stop. It writes to files instead of pipes and runs in a group of its own, so tha
 
 from __future__ import annotations
 
-import contextlib
 import io
 import logging
-import os
-import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,38 +16,22 @@ from pathlib import Path
 from typing import Any
 
 from ...core import events
-from ...core.engine_process import events_in
+from ...core.engine_process import ERRORS_FILE, EVENTS_FILE, STOP_FILE, EngineProcess, events_in
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ProjectError
 from ...core.files import atomic_write, delete_derived, opened, optional, path_within, read_json, write_json
-from ...core.system import (
-    STOP_VARIABLE,
-    is_cheap_to_recognise,
-    kill_group,
-    kill_recognised,
-    own_group,
-    process_runs,
-    request_stop,
-    start_time,
-)
 
 __all__ = ["Job", "JobState", "format_seconds"]
 
 _LOG = logging.getLogger(__name__)
-_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP = "job.json", "events.jsonl", "errors.txt", "taken", "stop"
+_JOB, _TAKEN = "job.json", "taken"
 _RECORD = {"kind": str, "subject": str, "pid": int, "command": [str], "started": optional((int, None))}
 _MAX_PID = 1 << 31
-_RECOGNISE_SECONDS = 5.0
-"""Seconds between two looks for the process of an earlier session, where that takes a process of its own (macOS)."""
 _LOG_INTERVAL = 15.0
 """Seconds between two log lines about the same stage."""
 _MAX_READ = 1 << 20
 """Bytes of events that one poll reads, because Blender waits for it. Longer lines are skipped."""
 _MAX_KEPT = 4096
 """Warnings, metrics and points of the curve that are kept, each."""
-_MAX_ERROR_BYTES = 1 << 16
-"""Bytes at the end of the errors that are searched for the last line."""
-_MAX_SHOWN = 500
-"""Characters of that line that are shown."""
 
 
 @dataclass
@@ -144,23 +125,19 @@ class Job:
         Purpose of the job. It determines what the add-on does with the results.
     subject : str
         What the job works on, usually the project folder.
-    command : list of str
-        Its command line.
     """
 
-    def __init__(self, folder: Path, record: Mapping[str, Any], process: subprocess.Popen[bytes] | None) -> None:
-        self.folder = folder
-        self.kind: str = record["kind"]
-        self.subject: str = record["subject"]
-        self._pid: int = record["pid"]
-        self.command: list[str] = record["command"]
-        self._started: int | None = record.get("started")
+    def __init__(self, folder: Path, kind: str, subject: str, process: EngineProcess) -> None:
+        self.folder, self.kind, self.subject = folder, kind, subject
         self._process = process
-        self._recognised_at, self._recognised = -_RECOGNISE_SECONDS, True
         self._state = JobState()
         self._offset = 0
         self._skips_line = False
-        self._kill_at: float | None = None
+
+    @property
+    def command(self) -> list[str]:
+        """Its command line."""
+        return self._process.command
 
     @classmethod
     def start(
@@ -192,25 +169,14 @@ class Job:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             # Opening them would follow a link.
-            for name in (_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP):
+            for name in (_JOB, _TAKEN, EVENTS_FILE, ERRORS_FILE, STOP_FILE):
                 delete_derived(folder, name)
-            with (folder / _EVENTS).open("wb") as output, (folder / _ERRORS).open("wb") as errors:
-                process = subprocess.Popen(
-                    list(command),
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=errors,
-                    env={**environment, STOP_VARIABLE: str(folder.absolute() / _STOP)},
-                    cwd=folder,
-                    **own_group(),
-                )
         except OSError as error:
-            raise DiskError(
-                f"{command[0]} could not be started in {folder}: {error.strerror or error}. Check both paths."
-            ) from error
+            raise DiskError(f"{folder} cannot be written: {error.strerror or error}. Check the disk.") from error
+        process = EngineProcess.start_apart(command, environment, folder)
         record = {
-            "kind": kind, "subject": subject, "pid": process.pid, "command": list(command),
-            "started": start_time(process.pid),
+            "kind": kind, "subject": subject, "pid": process.pid, "command": process.command,
+            "started": process.started,
         }  # fmt: skip
         try:
             write_json(folder / _JOB, record)
@@ -218,7 +184,7 @@ class Job:
             # Nobody would find it again.
             process.kill()
             raise
-        return cls(folder, record, process)
+        return cls(folder, kind, subject, process)
 
     @classmethod
     def attach(cls, folder: Path) -> Job | None:
@@ -237,7 +203,8 @@ class Job:
         # 0 and negative numbers stand for groups of processes, 1 for the first process of the system.
         if not 1 < record["pid"] < _MAX_PID or not record["command"]:
             return None
-        return cls(folder, record, None)
+        process = EngineProcess(record["pid"], record["command"], record.get("started"), folder)
+        return cls(folder, record["kind"], record["subject"], process)
 
     def poll(self) -> JobState:
         """Read new events without blocking, and return the state.
@@ -249,11 +216,8 @@ class Job:
         if not self._state.running:
             return self._state
         # Checked before reading, so that everything a process wrote before it ended is read.
-        alive = self._is_alive()
+        alive = self._process.poll()
         all_read = self._read_events()
-        if alive and self._kill_at is not None and time.monotonic() > self._kill_at:
-            self._kill_at = None
-            self._kill()
         if not alive and all_read:
             self._state.running = False
             if not self._state.finished and not self._state.error:
@@ -264,7 +228,7 @@ class Job:
     @property
     def of_earlier_session(self) -> bool:
         """Whether another session of Blender started the job."""
-        return self._process is None
+        return self._process.is_found_again
 
     def mark_taken(self) -> None:
         """Record that the user knows how the job ended, so that it is not reported again after Blender was closed.
@@ -292,18 +256,13 @@ class Job:
             When the system does not report whether the process is still this job, so that it cannot be killed.
         """
         if self.poll().running:
-            try:
-                request_stop(self.folder / _STOP)
-            except OSError as error:
-                raise DiskError(
-                    f"{self.folder} cannot be written: {error.strerror or error}. Check the disk, then cancel again."
-                ) from error
-            if self._runs() is None:
+            self._process.stop()
+            if self._process.runs() is None:
                 raise EnvironmentProblem(
                     f"The job on {self.subject} was asked to stop. The system does not report whether process "
-                    f"{self._pid} is still this job: if it goes on, end it with the system's own tools."
+                    f"{self._process.pid} is still this job: if it goes on, end it with the system's own tools."
                 )
-            self._kill_at = time.monotonic() + grace_seconds
+            self._process.kill_after(grace_seconds)
 
     def was_ended(self) -> bool:
         """Return whether the job was ended from outside, by a request or a signal, and not by an error of its own."""
@@ -312,7 +271,7 @@ class Job:
 
     def was_stopped(self) -> bool:
         """Return whether the job ended because it was asked to, also where it had to be killed then."""
-        is_asked = self._state.error_type == Cancelled.__name__ or (self.folder / _STOP).exists()
+        is_asked = self._state.error_type == Cancelled.__name__ or (self.folder / STOP_FILE).exists()
         return self.was_ended() and is_asked
 
     def wait(self, interval: float = 0.05) -> JobState:
@@ -329,7 +288,7 @@ class Job:
     def _read_events(self) -> bool:
         """Read some of the new events, and return whether there are no more."""
         try:
-            with opened(self.folder / _EVENTS, advice="") as stream:
+            with opened(self.folder / EVENTS_FILE, advice="") as stream:
                 stream.seek(self._offset)
                 data = stream.read(_MAX_READ)
         except FormatError:
@@ -349,37 +308,13 @@ class Job:
 
     def _unexpected_exit_message(self) -> str:
         """Return the error message for a process that ended without a final event, e.g. because it crashed."""
-        code = f" (exit code {self._process.returncode})" if self._process is not None else ""
-        lines: list[str] = []
-        with contextlib.suppress(FormatError), opened(self.folder / _ERRORS, advice="") as stream:
-            stream.seek(max(0, stream.seek(0, os.SEEK_END) - _MAX_ERROR_BYTES))
-            lines = stream.read(_MAX_ERROR_BYTES).decode("utf-8", "replace").strip().splitlines()
-        last_line = f" Its last line was: {lines[-1].strip()[:_MAX_SHOWN]}" if lines else ""
+        code = "" if self._process.code is None else f" (exit code {self._process.code})"
+        last_line = self._process.last_complaint()
+        shown = f" Its last line was: {last_line}" if last_line else ""
         return (
-            f"The engine stopped unexpectedly{code}.{last_line} Finished work is kept. "
-            f"Details are in {self.folder / _ERRORS}."
+            f"The engine stopped unexpectedly{code}.{shown} Finished work is kept. Details are in "
+            f"{self.folder / ERRORS_FILE}."
         )
-
-    def _is_alive(self) -> bool:
-        if self._process is not None:
-            return self._process.poll() is None
-        now = time.monotonic()
-        if is_cheap_to_recognise() or now - self._recognised_at >= _RECOGNISE_SECONDS:
-            self._recognised_at, self._recognised = now, self._runs() is not False
-        return self._recognised
-
-    def _runs(self) -> bool | None:
-        """Return whether the process is still this job; None when the system does not report it."""
-        if self._process is not None:
-            return self._process.poll() is None
-        return process_runs(self._pid, self.command, self.folder, self._started)
-
-    def _kill(self) -> None:
-        """Kill the process, and those that a stage may have started."""
-        if self._process is not None:
-            kill_group(self._process)
-        else:
-            kill_recognised(self._pid, self.command, self.folder, self._started)
 
 
 def format_seconds(seconds: float) -> str:

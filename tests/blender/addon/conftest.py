@@ -154,7 +154,8 @@ def fake_command(installed: str, fake_engine: Callable[[str], Path]) -> Callable
 def forget_jobs(runner: ModuleType) -> None:
     """Let the job runner forget all jobs; those that run are not ended."""
     runner._job, runner._waits_for_object_mode = None, False
-    for jobs in (runner._queue, runner._found, runner._undecided, runner._stopped):
+    runner._queue.forget()
+    for jobs in (runner._found, runner._undecided, runner._stopped):
         jobs.clear()
 
 

@@ -139,10 +139,10 @@ def test_job_that_ended_while_blender_was_closed_is_told_and_taken_in_once(
 def test_running_job_is_found_again(runner: ModuleType, project: Any, fake_engine: StandIn) -> None:
     fake_engine(FOREVER)
     _segment(runner, project, "vase")
-    pid = runner._job._pid
+    pid = runner._job._process.pid
     forget_jobs(runner)
     runner._find_jobs()
-    assert runner._job._pid == pid and runner.current()[1].running
+    assert runner._job._process.pid == pid and runner.current()[1].running
 
 
 def test_jobs_that_waited_start_after_blender_was_closed(
@@ -154,7 +154,7 @@ def test_jobs_that_waited_start_after_blender_was_closed(
     first = runner._job
     forget_jobs(runner)
     runner._find_jobs()
-    assert runner._job._pid == first._pid
+    assert runner._job._process.pid == first._process.pid
     assert [one.command[-2] for one in runner.waiting()] == ["bust", "drum"]
     runner._job.cancel(grace_seconds=0.0)
     runner._job.wait()

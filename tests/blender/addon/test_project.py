@@ -191,6 +191,17 @@ def test_masks_and_their_making_are_given_to_the_engine(
     assert json.loads(arguments.read_text(encoding="utf-8"))[-2] == "--mask-background"
 
 
+def test_a_light_scene_is_asked_for_in_the_import(
+    project: Any, fake_engine: Callable[[str], Path], tmp_path: Path
+) -> None:
+    arguments = fake_engine("say('finished', message='done', outputs={})")
+    folders = {"directory": str(tmp_path), "project": str(project.folder)}
+    assert bpy.ops.heritage.import_photo_folder(**folders, light=True) == {"FINISHED"}
+    assert "--light" in json.loads(arguments.read_text(encoding="utf-8"))
+    assert bpy.ops.heritage.import_photo_folder(**folders) == {"FINISHED"}
+    assert "--light" not in json.loads(arguments.read_text(encoding="utf-8"))
+
+
 def test_video_is_given_to_the_engine(project: Any, fake_engine: Callable[[str], Path], tmp_path: Path) -> None:
     video = tmp_path / "müseum room.mp4"
     video.write_bytes(b"a video")

@@ -182,7 +182,7 @@ def test_reason_of_a_failed_set_up_stands_once(
 
 
 def test_reason_of_a_failed_set_up_survives_a_restart(
-    preferences: Any, folder: Path, part: Part, tmp_path: Path, draw: Draw
+    preferences: Any, folder: Path, part: Part, tmp_path: Path, draw: Draw, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "holiday.zip").write_bytes(b"no zip")
     preferences.offline_bundle = str(tmp_path / "holiday.zip")
@@ -191,7 +191,7 @@ def test_reason_of_a_failed_set_up_survives_a_restart(
     # A new session knows neither the job nor what was read.
     forget_jobs(part("gaussian_heritage_addon.jobs.job_runner"))
     module = part("gaussian_heritage_addon.setup.preferences")
-    module._stored_problem.cache_clear()
+    monkeypatch.setattr(module, "_stored_problem", module._stored_problem.__wrapped__)
     assert "holiday.zip is not an offline bundle" in " ".join(draw("HERITAGE_PT_scene").texts)
     module.store_set_up_problem("")
     assert "holiday.zip" not in " ".join(draw("HERITAGE_PT_scene").texts)

@@ -133,7 +133,7 @@ def test_matches_lie_on_their_epipolar_lines_only_where_the_poses_are_right() ->
 
 def test_two_exchanged_files_are_told_from_their_neighbours() -> None:
     # Photos 3 and 9 stand at each other's place: every pair with one of them disagrees, all others agree.
-    pairs = [PairFit(a, b, 100, 0.05 if {a, b} & {3, 9} else 0.95) for a in range(12) for b in (a + 1, a + 2) if b < 12]
+    pairs = [PairFit(a, b, 0.05 if {a, b} & {3, 9} else 0.95) for a in range(12) for b in (a + 1, a + 2) if b < 12]
     assert refuted_images(pairs) == [3, 9]
 
 
@@ -141,7 +141,7 @@ def test_two_exchanged_neighbours_that_agree_with_each_other_are_told_where_came
     # Neighbours that look sideways share their epipolar lines when exchanged; others lie a few pixels off.
     def fit(a: int, b: int) -> PairFit:
         wrong = len({a, b} & {4, 5}) == 1
-        return PairFit(a, b, 100, 0.6 if wrong else 0.95, 3.4 if wrong else 0.3)
+        return PairFit(a, b, 0.6 if wrong else 0.95, 3.4 if wrong else 0.3)
 
     pairs = [fit(a, b) for a in range(12) for b in (a + 1, a + 2) if b < 12]
     assert refuted_images(pairs) == []
@@ -149,12 +149,12 @@ def test_two_exchanged_neighbours_that_agree_with_each_other_are_told_where_came
 
 
 def test_cameras_that_are_all_less_exact_are_not_refuted() -> None:
-    pairs = [PairFit(a, b, 100, 0.9, 0.8 + 0.1 * (a % 3)) for a in range(12) for b in (a + 1, a + 2) if b < 12]
+    pairs = [PairFit(a, b, 0.9, 0.8 + 0.1 * (a % 3)) for a in range(12) for b in (a + 1, a + 2) if b < 12]
     assert refuted_images(pairs, exact=True) == []
 
 
 def test_one_bad_pair_refutes_no_photo() -> None:
-    pairs = [PairFit(a, a + 1, 100, 0.1 if a == 4 else 0.9) for a in range(10)]
+    pairs = [PairFit(a, a + 1, 0.1 if a == 4 else 0.9) for a in range(10)]
     assert refuted_images(pairs) == []
 
 
@@ -230,7 +230,7 @@ def test_other_lenses_are_tried_though_the_trial_of_all_together_fails(monkeypat
             return LensTrial(1.0, float("inf"), {})
         return tried_lenses(model, *arguments, **options)
 
-    monkeypatch.setattr("engine.cameras.evidence.tried_lenses", failing)
+    monkeypatch.setattr("engine.cameras.lens_trials.tried_lenses", failing)
     assert finding(lambda _: lens("PINHOLE", 620.0, 500.0, 320.0, 240.0)).cause == "stretched"
 
 
@@ -257,7 +257,7 @@ def test_weak_mirrored_links_of_a_symmetric_building_do_not_count_against_strong
     [
         ("panorama", "red", {"panorama_gain": 1.5}),
         ("fisheye", "red", {"fisheye_gain": 0.4}),
-        ("repeated", "red", {"pairs": tuple(PairFit(i, i + 1, 80, 0.1 if i % 3 == 0 else 0.9) for i in range(12))}),
+        ("repeated", "red", {"pairs": tuple(PairFit(i, i + 1, 0.1 if i % 3 == 0 else 0.9) for i in range(12))}),
         ("repeated", "red", {"missing": 0.2}),
         ("one_place", "red", {"turned": 0.95}),
         (
@@ -349,7 +349,9 @@ def test_photos_whose_focal_length_is_badly_known_stay_with_those_that_show_thin
     found = estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm", settings)
     # Grouped by the focal lengths found alone, two photos had lenses of their own, and positions were wrong by 8 %.
     focals = sorted({camera.params[0] for camera in found.cameras})
-    assert focals == pytest.approx([420.0, 840.0], rel=0.02)
+    # Their common scale is weak: another rounding of the first focal lengths, by 1e-8, changes it by 2 %.
+    assert focals == pytest.approx([420.0, 840.0], rel=0.04)
+    assert focals[1] / focals[0] == pytest.approx(2.0, rel=0.02)
 
 
 def test_mirrored_photos_are_named_and_not_placed(room: Scene, tmp_path: Path) -> None:

@@ -14,11 +14,12 @@ from typing import Any
 
 import pytest
 
-from engine.cameras import matching, processes
+from engine.cameras import processes
 from engine.cameras.features import SfmWorkspace, match_features
 from engine.cameras.matching import match_pairs
 from engine.cameras.processes import detecting_cores, matching_processes
 from engine.cameras.settings import CameraSettings
+from engine.core import child_process
 from engine.core.errors import CameraError, Cancelled
 from engine.core.events import never_stop
 
@@ -89,8 +90,8 @@ def halted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
                 halted.append(started[-1])
             yield child
 
-    real = matching.child_beside
-    monkeypatch.setattr(matching, "child_beside", child_beside)
+    real = child_process.child_beside
+    monkeypatch.setattr(child_process, "child_beside", child_beside)
     return halted
 
 

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from engine.cameras import pairs as pairs_module
-from engine.cameras.pairs import all_pairs, largest_descriptors, promising_pairs, quick_matches
+from engine.cameras.pairs import (
+    all_pairs,
+    largest_descriptors,
+    promising_pairs,
+    quick_matches,
+    quick_matches_with_each,
+)
 from engine.cameras.retrieval import similar_pairs
 from engine.core.errors import Cancelled
 
@@ -39,6 +47,14 @@ def test_photos_without_features_are_paired_with_the_next_ones() -> None:
     assert {(3, 4), (3, 5), (2, 3)} <= set(pairs)
 
 
+@pytest.mark.parametrize("kept", [0, 1, 2, 80])
+def test_several_photos_compared_at_a_time_have_the_matches_of_each_pair(kept: int) -> None:
+    photos = around(30)
+    photos[4], photos[9] = photos[4][:kept], photos[9][:30]
+    for first in (photos[3], photos[4]):
+        assert quick_matches_with_each(first, photos) == [quick_matches(first, other) for other in photos]
+
+
 def test_progress_reaches_one_and_a_stop_is_respected() -> None:
     reported: list[float] = []
     promising_pairs(around(5), neighbours=2, report=reported.append, should_stop=lambda: False)
@@ -68,15 +84,15 @@ def test_many_photos_are_compared_with_similar_ones_only_and_the_same_neighbours
     every = promising_pairs(photos, neighbours=2, report=lambda done: None, should_stop=lambda: False)
     compared: list[int] = []
 
-    def counted(first: NDArray[np.float32], second: NDArray[np.float32]) -> int:
-        compared.append(1)
-        return quick_matches(first, second)
+    def counted(first: NDArray[np.float32], others: Sequence[NDArray[np.float32]]) -> list[int]:
+        compared.append(len(others))
+        return quick_matches_with_each(first, others)
 
     monkeypatch.setattr(pairs_module, "EVERY_PAIR_UP_TO", 30)
     monkeypatch.setattr(pairs_module, "_SIMILAR", 8)
-    monkeypatch.setattr(pairs_module, "quick_matches", counted)
+    monkeypatch.setattr(pairs_module, "quick_matches_with_each", counted)
     found = promising_pairs(photos, neighbours=2, report=lambda done: None, should_stop=lambda: False)
-    assert len(compared) <= pairs_module.comparison_work(40) == 8 * 40
+    assert sum(compared) <= pairs_module.comparison_work(40) == 8 * 40
     # Photos show 80 features, 20 further for each step: three steps apart they share 20.
     near = {(i, j) for i, j in every if min(j - i, 40 - (j - i)) <= 3}
     assert near <= set(found)

@@ -9,18 +9,26 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pycolmap
 import pytest
 from PIL import Image
 
+from engine.cameras import lens_groups
+from engine.cameras import sfm as sfm_module
+from engine.cameras.features import SfmWorkspace
+from engine.cameras.reconstruction import rounded
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras, other_groups_text
 from engine.cameras.undistortion import project
 from engine.core.errors import CameraError, Cancelled, SettingsError
 from engine.core.events import Event, Progress, Warned
+from engine.core.system import CODE_ROOT
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 from engine.scene.camera import CameraSet
@@ -96,15 +104,81 @@ def test_progress_rises_to_one(found: tuple[CameraSet, list[Event]]) -> None:
     assert fractions[-1] == 1.0
 
 
-def test_the_same_photos_give_the_same_cameras_with_any_number_of_threads(room: Scene, tmp_path: Path) -> None:
-    results = [
-        estimate_cameras(room.photo_set, tmp_path / str(run), replace(QUICK, threads=threads))
-        for run, threads in enumerate((1, 2, 4, 0, 0))
-    ]
-    for other in results[1:]:
-        assert np.array_equal(results[0].points, other.points)
-        for a, b in zip(results[0].cameras, other.cameras, strict=True):
+def test_the_same_photos_give_the_same_cameras_with_any_number_of_threads(
+    room: Scene, found: tuple[CameraSet, list[Event]], tmp_path: Path
+) -> None:
+    """`found` was estimated with a thread for each core."""
+    for threads in (1, 4):
+        other = estimate_cameras(room.photo_set, tmp_path / str(threads), replace(QUICK, threads=threads))
+        assert np.array_equal(found[0].points, other.points)
+        for a, b in zip(found[0].cameras, other.cameras, strict=True):
             assert np.array_equal(a.viewmat, b.viewmat) and a.params == b.params
+
+
+STORING = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+from engine.cameras.reconstruction import rounded
+from engine.cameras.settings import CameraSettings
+from engine.cameras.sfm import estimate_cameras
+from engine.photos.reading import read_photos
+from engine.scene import write_camera_set
+settings = CameraSettings(max_side=400, max_features=1000, first_octave=0)
+write_camera_set(Path(sys.argv[3]), estimate_cameras(read_photos(Path(sys.argv[1])), Path(sys.argv[2]), settings))
+"""
+
+
+def test_processes_with_one_and_with_four_threads_of_linear_algebra_store_the_same_bytes(
+    room: Scene, tmp_path: Path
+) -> None:
+    stored = []
+    for threads in ("1", "4"):
+        folder, work = tmp_path / f"cameras {threads}", tmp_path / f"work {threads}"
+        folder.mkdir()
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+        subprocess.run(
+            [sys.executable, "-c", STORING, room.photo_set.folder, work, folder],
+            env={**os.environ, **dict.fromkeys(names, threads)}, cwd=CODE_ROOT, check=True,
+        )  # fmt: skip
+        stored.append((folder / "cameras.json").read_bytes() + (folder / "points.npz").read_bytes())
+    assert stored[0] == stored[1]
+
+
+def test_cameras_that_differ_in_their_last_bits_are_stored_as_the_same(found: tuple[CameraSet, list[Event]]) -> None:
+    camera_set, _ = found
+    rng = np.random.default_rng(0)
+
+    def nearly(values: np.ndarray) -> np.ndarray:
+        return values * (1.0 + rng.normal(0.0, 1e-15, values.shape))
+
+    cameras = tuple(
+        replace(camera, viewmat=nearly(camera.viewmat), params=tuple(nearly(np.array(camera.params)).tolist()))
+        for camera in camera_set.cameras
+    )
+    again = rounded(replace(camera_set, cameras=cameras, original_from_world=nearly(camera_set.original_from_world)))
+    assert not any(np.array_equal(a.viewmat, b.viewmat) for a, b in zip(cameras, camera_set.cameras, strict=True))
+    for a, b in zip(again.cameras, camera_set.cameras, strict=True):
+        assert np.array_equal(a.viewmat, b.viewmat) and a.params == b.params
+    assert np.array_equal(again.original_from_world, camera_set.original_from_world)
+
+
+def test_many_photos_that_show_things_in_several_sizes_are_mapped_once_and_some_with_other_lenses(
+    room: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mapped: list[int] = []
+
+    def counted(workspace: SfmWorkspace, names: Sequence[str], *others: Any) -> list[pycolmap.Reconstruction]:
+        mapped.append(len(names))
+        return map_photos(workspace, names, *others)
+
+    map_photos = sfm_module._map
+    monkeypatch.setattr(sfm_module, "_map", counted)
+    monkeypatch.setattr(lens_groups, "size_gap", lambda _: 2.0)
+    monkeypatch.setattr(lens_groups, "_SAMPLE", 5)
+    found = estimate_cameras(room.photo_set, tmp_path, QUICK)
+    assert mapped[0] == 0 and set(mapped[1:]) == {5}
+    assert len(found.cameras) == len(room.cameras) and len({camera.params for camera in found.cameras}) == 1
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -250,14 +324,14 @@ def test_colmap_writes_nothing_to_the_terminal(room: Scene, tmp_path: Path, capf
 def test_all_photos_of_the_real_statue_are_placed(data_folder: Path, tmp_path: Path) -> None:
     warnings: list[Event] = []
     photo_set = read_photos(data_folder / "sakharov_statue32" / "photos")
-    # Every second photo is enough to surround the statue, at a quarter of the pairs.
-    around = PhotoSet(photo_set.folder, photo_set.photos[::2], ())
+    # Every second photo of half of the way around, at a quarter of the pairs of the whole way.
+    around = PhotoSet(photo_set.folder, photo_set.photos[:16:2], ())
     camera_set = estimate_cameras(
         around, tmp_path, emit=lambda event: warnings.append(event) if isinstance(event, Warned) else None
     )
-    assert len(camera_set.cameras) == len(around.photos) == 16
+    assert len(camera_set.cameras) == len(around.photos) == 8
     assert camera_set.reprojection_error < 0.5
-    assert len(camera_set.points) > 1000
+    assert len(camera_set.points) > 300  # 414 seen
     assert warnings == []
     # The photos of the statue were taken upright: the upper edges of the pictures point up.
     ups = -np.array([camera.viewmat[1, :3] for camera in camera_set.cameras])
@@ -265,26 +339,13 @@ def test_all_photos_of_the_real_statue_are_placed(data_folder: Path, tmp_path: P
 
 
 @pytest.mark.slow
-def test_the_demo_room_is_placed(tmp_path: Path) -> None:
-    photos = Path(__file__).resolve().parents[3] / "demo" / "museum_room" / "photos"
-    if not photos.is_dir():
-        pytest.skip("the demo's photos are not in this checkout")
-    chosen = sorted(path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png"))[:8]
-    (tmp_path / "photos").mkdir()
-    for path in chosen:
-        shutil.copy(path, tmp_path / "photos")
-    camera_set = estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm")
-    assert len(camera_set.cameras) == 8
-
-
-@pytest.mark.slow
 @pytest.mark.data
 def test_photos_with_an_exif_focal_length_are_placed(data_folder: Path, tmp_path: Path) -> None:
     photo_set = read_photos(data_folder / "banana16" / "photos")
     assert photo_set.photos[0].focal_px is not None
-    camera_set = estimate_cameras(photo_set, tmp_path)
-    # Two photos overlap little with the others; 14 or 15 photos are placed, which ones varies.
-    assert len(camera_set.cameras) >= 13
+    # Half of the photos are enough for a focal length. Two of them overlap little with the others.
+    camera_set = estimate_cameras(PhotoSet(photo_set.folder, photo_set.photos[:8], ()), tmp_path)
+    assert len(camera_set.cameras) >= 5
     # The estimated focal length is close to that of EXIF.
     assert camera_set.cameras[0].params[0] == pytest.approx(photo_set.photos[0].focal_px, rel=0.1)
 

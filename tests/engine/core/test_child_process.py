@@ -237,7 +237,7 @@ def test_work_beside_goes_on_until_it_is_ended_and_then_gives_its_result() -> No
 def test_finished_work_beside_counts_before_its_exit_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     with child_beside("work:echo", {"a": 1}, what="echoing") as child:
         wait_for_the_end(child._process.pid)
-        monkeypatch.setattr(child._process, "poll", lambda: None)  # As Linux says while other threads are ending.
+        monkeypatch.setattr(child._process, "poll", lambda: True)  # As Linux says while other threads are ending.
         assert child.end() == {"a": 1}
 
 

@@ -8,8 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from engine.core.engine_process import engine_command, engine_environment, events_in
+import pytest
+
+from engine.core.engine_process import EngineProcess, engine_command, engine_environment, events_in
+from engine.core.errors import DiskError
 from engine.core.events import Progress, to_json_line
+from engine.core.system import process_runs
+from tests.conftest import wait_until
 
 
 def test_module_in_the_current_folder_does_not_pass_for_ours(tmp_path: Path) -> None:
@@ -41,3 +46,26 @@ def test_lines_that_are_no_events_are_passed_over_however_long_they_are() -> Non
     line = to_json_line(event).encode()
     written = b"\n".join([b"a warning of a library", line, b"\xff" * (3 << 20), b'{"v": 1, "kind": "pro', line, b""])
     assert list(events_in(io.BytesIO(written))) == [event, event]
+
+
+def test_argument_with_a_null_character_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    for start in (
+        lambda command: EngineProcess.start(command, os.environ, lambda stream: None),
+        lambda command: EngineProcess.start_apart(command, os.environ, tmp_path),
+    ):
+        with pytest.raises(DiskError, match="could not be started"):
+            start([sys.executable, "-c", "vase\0"])
+
+
+def test_closed_process_leaves_nothing_of_what_it_started_and_tells_what_it_said_last() -> None:
+    started: list[int] = []
+    code = (
+        "import subprocess, sys; child = subprocess.Popen([sys.executable, '-c', 'input()'], stdin=-1); "
+        "print('no more memory', file=sys.stderr, flush=True); print(child.pid, flush=True); child.wait()"
+    )
+    command = [sys.executable, "-c", code]
+    with EngineProcess.start(command, os.environ, lambda stream: started.append(int(stream.readline()))) as process:
+        wait_until(lambda: started)
+        assert process.poll() and process.code is None
+    assert not process.poll() and process.code and process.last_complaint() == "no more memory"
+    wait_until(lambda: not process_runs(started[0], [sys.executable, "-c", "input()"], Path.cwd(), None))

@@ -243,10 +243,14 @@ def test_what_the_photos_show_beside_the_object_is_left_out_of_it(seen: Seen) ->
 def test_detail_that_only_reaches_less_far_out_is_kept(seen: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     assert scored(seen, monkeypatch, (20, 0.2), (20, 0.1)).detailed is not None
     assert scored(seen, monkeypatch, (20, 0.2), (20, 0.19), (20, 0.19)).detailed is None
-    assert scored(seen, monkeypatch, (20, 0.2), (19.9, 0.1), (19.9, 0.1)).detailed is None
     assert scored(seen, monkeypatch, (20, 0.2), (20.1, 0.3)).detailed is not None
-    assert scored(seen, monkeypatch, (20, 0.2), (19.92, 0.05)).detailed is not None
-    assert scored(seen, monkeypatch, (20, 0.2), (19.8, 0.01), (19.8, 0.01)).detailed is None
+    # Half as much outside outweighs 0.15 dB, a quarter twice as much, and nothing outweighs more than 0.4 dB.
+    assert scored(seen, monkeypatch, (20, 0.2), (19.9, 0.1)).detailed is not None
+    assert scored(seen, monkeypatch, (20, 0.2), (19.8, 0.1), (19.8, 0.1)).detailed is None
+    assert scored(seen, monkeypatch, (20, 0.2), (19.75, 0.05)).detailed is not None
+    assert scored(seen, monkeypatch, (20, 0.2), (19.5, 0.01), (19.5, 0.01)).detailed is None
+    # What is not seen outside outweighs nothing.
+    assert scored(seen, monkeypatch, (20, 0.004), (19.9, 0.0), (19.9, 0.0)).detailed is None
 
 
 def test_object_without_what_is_beside_it_is_kept_where_its_training_is_not(

@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 
+from engine.core import child_process
 from engine.core.errors import CameraError, Cancelled
 from engine.core.events import Event, Preview, ignore_events, never_stop
 from engine.core.parts import measured_parts
 from engine.photos import PhotoStatistics
-from engine.pipeline import first_picture, reconstruct
+from engine.pipeline import reconstruct
 from engine.pipeline.first_picture import MIN_PHOTOS, FirstPicture
 from engine.pipeline.planning import PlannedWork, PlanSettings
 from engine.pipeline.reconstruct import PipelineSettings
@@ -48,7 +49,7 @@ class Child:
 @pytest.fixture
 def child(monkeypatch: pytest.MonkeyPatch) -> Child:
     one = Child()
-    monkeypatch.setattr(first_picture, "child_beside", one.work)
+    monkeypatch.setattr(child_process, "child_beside", one.work)
     return one
 
 

@@ -19,16 +19,17 @@ def project(tmp_path: Path) -> Path:
     photos = write_photos(tmp_path / "photos")
     cameras = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
     command = ["reconstruct", str(photos), "--out", str(tmp_path / "scene"), "--preset", "preview", "--until", "photos"]
-    assert main([*command, "--cameras", str(cameras), "--transients"]) == 0
+    assert main([*command, "--cameras", str(cameras), "--transients", "--light"]) == 0
     return tmp_path / "scene"
 
 
 def test_options_of_the_first_run_are_repeated(project: Path, tmp_path: Path) -> None:
     given = read_input(project)
     assert given.photos == str(tmp_path / "photos") and given.cameras is not None and given.exclude_transients
+    assert given.light and given.wants_objects
     assert repeat_arguments(project, "standard") == [
         "reconstruct", given.photos, "--out", str(project), "--preset", "standard", f"--cameras={given.cameras}",
-        "--transients",
+        "--transients", "--light",
     ]  # fmt: skip
     # The engine's own parser takes them.
     assert main([*repeat_arguments(project, "standard"), "--until", "photos"]) == 0

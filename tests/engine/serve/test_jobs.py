@@ -52,12 +52,13 @@ def test_reconstruction_runs_the_engine_on_the_uploaded_photos(client: Client, p
     assert words == ["reconstruct", str(photos), f"--out={out}", "--preset=preview", "--events"]
 
 
-def test_background_is_masked_on_request(client: Client, project: str) -> None:
-    wanted = {"kind": "reconstruct", "preset": "preview", "mask_background": True}
+@pytest.mark.parametrize("option", ["mask_background", "light"])
+def test_options_of_a_reconstruction_are_given_to_the_engine(client: Client, project: str, option: str) -> None:
+    wanted = {"kind": "reconstruct", "preset": "preview", option: True}
     assert client.http.post(f"{API}/projects/{project}/jobs", json=wanted).status_code == 202
     client.wait_for_job(project, "finished")
     words = json.loads((client.folder(project) / "project" / "words.json").read_text())
-    assert words[-2:] == ["--mask-background", "--events"]
+    assert words[-2:] == [f"--{option.replace('_', '-')}", "--events"]
 
 
 def test_server_that_is_told_what_to_train_on_tells_the_engine(client: Client, project: str) -> None:
@@ -366,6 +367,7 @@ def test_owner_decides_whether_users_have_a_model_fetched(
     assert not said["stored"] and bool(said["refusal"]) is not allowed
     assert answer.status_code == (202 if allowed else 403)
     if allowed:
+        client.wait_for_job(project, "finished")
         return
     assert answer.json()["detail"] == said["refusal"]
     assert (
@@ -378,6 +380,7 @@ def test_owner_decides_whether_users_have_a_model_fetched(
         (tmp_path / "cache" / "models" / file.file).touch()
     assert offer()["stored"] and not offer()["refusal"]
     assert client.http.post(jobs, json=wanted).status_code == 202
+    client.wait_for_job(project, "finished")
 
 
 def test_project_that_learns_gets_the_vocabulary_of_its_user_alone(client: Client, project: str) -> None:

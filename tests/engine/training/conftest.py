@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 import torch
 
+from engine.core.events import ignore_events, never_stop
 from engine.rasterizer.api import rasterize
 from engine.scene.camera import PinholeCamera
 from engine.scene.gaussians import Gaussians
 from engine.training.initialise import InitialValues, gaussians_from_points
+from engine.training.loop import train
+from engine.training.result import TrainingResult
+from engine.training.settings import PRESETS
 from engine.training.views import TrainingView, is_held_out
 
 WIDTH, HEIGHT, N_VIEWS = 64, 48, 12
 N_MANY_VIEWS = 32
 """Four test photos, and 28 training photos of which three are validation photos."""
+
+
+BANDS = PRESETS["test"].changed(
+    steps=300, sh_degree=2, sh_interval=120, trial_fraction=0.2, min_trial_gain=0.1, train_features=False,
+    coarse_levels=0, lr_sh_rest=0.003,
+)  # fmt: skip
+"""A training with two trials of bands of spherical harmonics."""
 
 
 @dataclass(frozen=True)
@@ -114,3 +125,23 @@ def make_scene(n_views: int = N_VIEWS) -> Scene:
         max_gaussians=300,
     )
     return Scene(truth, part, views, start)
+
+
+def shiny(scene: Scene) -> list[TrainingView]:
+    """Photos of the scene whose colours change with the side they are seen from."""
+    truth, part = make_truth()
+    sh = np.concatenate([truth.sh, np.zeros((len(truth), 3, 3), np.float32)], axis=1)
+    sh[:, 1] = 0.35
+    sh[:, 3] = -0.35
+    changing = Gaussians(truth.means, truth.log_scales, truth.quats, truth.opacity_logits, sh)
+    photos = [photograph(changing, part, camera_at(2 * np.pi * i / N_MANY_VIEWS))[0] for i in range(N_MANY_VIEWS)]
+    return [replace(view, pixels=photo) for view, photo in zip(scene.views, photos, strict=True)]
+
+
+@pytest.fixture(scope="session")
+def trained_with_bands(large_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
+    """What `BANDS` makes of `shiny` photos."""
+    folder = tmp_path_factory.mktemp("bands")
+    return train(
+        large_scene.start, shiny(large_scene), BANDS, checkpoints=folder, emit=ignore_events, should_stop=never_stop
+    )

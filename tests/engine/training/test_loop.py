@@ -413,14 +413,22 @@ def test_photos_without_transients_are_used_completely(scene: Scene, tmp_path: P
     assert same(result.gaussians, run(scene, TRANSIENTS.changed(transients=False), tmp_path / "off").gaussians)
 
 
+SHORTER = TRANSIENTS.changed(steps=200, checkpoint_interval=7)
+
+
+@pytest.fixture(scope="module")
+def shorter(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
+    return run(paste_transients(scene)[0], SHORTER, tmp_path_factory.mktemp("shorter"))
+
+
 @pytest.mark.parametrize("steps", [60, 85])
-def test_training_without_transients_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
+def test_training_without_transients_resumes_exactly(
+    scene: Scene, shorter: TrainingResult, tmp_path: Path, steps: int
+) -> None:
     with_transients, _ = paste_transients(scene)
-    settings = TRANSIENTS.changed(steps=200, checkpoint_interval=7)
-    whole = run(with_transients, settings, tmp_path / "whole")
-    assert whole.figures["out_of_place"]
+    assert shorter.figures["out_of_place"]
     with pytest.raises(Cancelled):
-        run(with_transients, settings, tmp_path / "stopped", stop=stop_after(steps))
-    resumed = run(with_transients, settings, tmp_path / "stopped")
-    assert same(resumed.gaussians, whole.gaussians)
-    assert resumed.figures["out_of_place"] == whole.figures["out_of_place"]
+        run(with_transients, SHORTER, tmp_path, stop=stop_after(steps))
+    resumed = run(with_transients, SHORTER, tmp_path)
+    assert same(resumed.gaussians, shorter.gaussians)
+    assert resumed.figures["out_of_place"] == shorter.figures["out_of_place"]

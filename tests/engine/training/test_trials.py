@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from engine.core.events import ignore_events, never_stop
-from engine.scene.gaussians import Gaussians
 from engine.training.held_out import render_picture
 from engine.training.loop import train
 from engine.training.parameters import Parameters
@@ -20,12 +19,7 @@ from engine.training.settings import PRESETS, TrainingSettings
 from engine.training.trials import brightness_factors, exposure_corrected_quality
 from engine.training.views import Level, TrainingView, ViewPyramid
 
-from .conftest import N_MANY_VIEWS, Scene, camera_at, make_truth, photograph
-
-BANDS = PRESETS["test"].changed(
-    steps=300, sh_degree=2, sh_interval=120, trial_fraction=0.2, min_trial_gain=0.1, train_features=False,
-    coarse_levels=0, lr_sh_rest=0.003,
-)  # fmt: skip
+from .conftest import BANDS, Scene, make_truth, shiny
 
 
 def run(
@@ -40,24 +34,15 @@ def run(
     )  # fmt: skip
 
 
-def shiny(scene: Scene) -> list[TrainingView]:
-    """Photos of the scene whose colours change with the side they are seen from."""
-    truth, part = make_truth()
-    sh = np.concatenate([truth.sh, np.zeros((len(truth), 3, 3), np.float32)], axis=1)
-    sh[:, 1] = 0.35
-    sh[:, 3] = -0.35
-    changing = Gaussians(truth.means, truth.log_scales, truth.quats, truth.opacity_logits, sh)
-    photos = [photograph(changing, part, camera_at(2 * np.pi * i / N_MANY_VIEWS))[0] for i in range(N_MANY_VIEWS)]
-    return [replace(view, pixels=photo) for view, photo in zip(scene.views, photos, strict=True)]
-
-
-def test_view_dependent_colours_are_used_where_photos_show_them(large_scene: Scene, tmp_path: Path) -> None:
-    result = run(large_scene, BANDS, tmp_path, views=shiny(large_scene))
+def test_view_dependent_colours_are_used_where_photos_show_them(
+    large_scene: Scene, trained_with_bands: TrainingResult, tmp_path: Path
+) -> None:
+    result = trained_with_bands
     first = result.figures["trials"][0]
     assert (first["what"], first["step"], first["n_steps"], first["kept"]) == ("1", 120, 60, True)
     assert first["gain"] > 0.3
     assert result.gaussians.sh.shape[1] >= 4
-    untried = run(large_scene, BANDS.changed(sh_degree=0), tmp_path / "none", views=shiny(large_scene))
+    untried = run(large_scene, BANDS.changed(sh_degree=0), tmp_path, views=shiny(large_scene))
     assert result.figures["psnr"] > untried.figures["psnr"] + 0.3
 
 

@@ -18,8 +18,7 @@ from engine.training.result import TrainingResult
 from engine.training.settings import PRESETS, TrainingSettings
 from engine.training.views import TrainingView
 
-from .conftest import Scene
-from .test_trials import BANDS, shiny
+from .conftest import BANDS, Scene, shiny
 
 EVERYTHING = PRESETS["test"].changed(
     steps=120, grow_until=0.4, checkpoint_interval=7, sh_degree=2, sh_interval=20, transients=True, trial_fraction=0.1,
@@ -76,10 +75,17 @@ def darkened(scene: Scene) -> Scene:
     return replace(scene, views=views)
 
 
-def test_no_pixel_of_a_test_photo_influences_the_result(large_scene: Scene, tmp_path: Path) -> None:
-    result = run(large_scene, EVERYTHING, tmp_path / "photos")
-    changed = with_noise(large_scene, lambda view: view.held_out)
-    noise = run(large_scene, EVERYTHING, tmp_path / "noise", views=changed)
+@pytest.fixture(scope="module")
+def uninterrupted(large_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
+    return run(darkened(large_scene), EVERYTHING, tmp_path_factory.mktemp("uninterrupted"))
+
+
+def test_no_pixel_of_a_test_photo_influences_the_result(
+    large_scene: Scene, uninterrupted: TrainingResult, tmp_path: Path
+) -> None:
+    result = uninterrupted
+    changed = with_noise(darkened(large_scene), lambda view: view.held_out)
+    noise = run(large_scene, EVERYTHING, tmp_path, views=changed)
     assert same(noise.gaussians, result.gaussians)
     for name in ("trials", "steps", "exposure", "out_of_place", "measured_photos"):
         assert result.figures.get(name) == noise.figures.get(name), name
@@ -90,14 +96,15 @@ def test_no_pixel_of_a_test_photo_influences_the_result(large_scene: Scene, tmp_
     assert noise.figures["psnr"] < result.figures["psnr"] - 5
 
 
-def test_decisions_depend_on_the_validation_photos(large_scene: Scene, tmp_path: Path) -> None:
+def test_decisions_depend_on_the_validation_photos(
+    large_scene: Scene, trained_with_bands: TrainingResult, tmp_path: Path
+) -> None:
     # A band shows colours that change with the side they are seen from, which noise does not.
+    assert trained_with_bands.figures["trials"][0]["kept"]
+    assert tuple(trained_with_bands.figures["validation_photos"]) == VALIDATION
     shining = replace(large_scene, views=shiny(large_scene))
-    kept = run(shining, BANDS, tmp_path / "photos")
-    assert kept.figures["trials"][0]["kept"]
-    assert tuple(kept.figures["validation_photos"]) == VALIDATION
     noise = with_noise(shining, lambda view: view.photo in VALIDATION)
-    refused = run(shining, BANDS, tmp_path / "noise", views=noise)
+    refused = run(shining, BANDS, tmp_path, views=noise)
     assert [trial["kept"] for trial in refused.figures["trials"]] == [False]
 
 
@@ -142,11 +149,6 @@ def test_with_few_photos_settings_decide_and_every_photo_is_trained_on(scene: Sc
     assert (figures["trials"], figures["validation_photos"]) == ([], [])
     assert figures["steps"] == 120 and figures["sh_degree"] == 2
     assert sorted(figures["exposure"]) == [view.photo for view in scene.views if not view.held_out]
-
-
-@pytest.fixture(scope="module")
-def uninterrupted(large_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
-    return run(darkened(large_scene), EVERYTHING, tmp_path_factory.mktemp("uninterrupted"))
 
 
 @pytest.mark.parametrize(

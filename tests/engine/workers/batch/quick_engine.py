@@ -17,11 +17,12 @@ from typing import Any
 
 from engine.core import errors
 from engine.core.events import Emit, StopCheck
-from engine.pipeline.planning.forecast import Forecast, StageForecast, forecast_as_dict
+from engine.pipeline.planning.forecast import Forecast, forecast_as_dict
+from engine.pipeline.planning.stage_forecast import StageForecast
 from engine.pipeline.runner import StageRunner
 from engine.pipeline.stages import STAGES
 from engine.project.folder import ProjectFolder, stage_key
-from engine.workers.batch import engine_process
+from engine.workers.jobs import engine_run
 
 WITHOUT_MODELS = "TEST_WITHOUT_MODELS"
 FULL_DISK = "TEST_FULL_DISK"
@@ -30,7 +31,7 @@ MEMORY = {"photos": 100_000_000, "cameras": 500_000_000, "training": 900_000_000
 
 def dask_setup(worker: object) -> None:
     """Called by Dask in a worker that preloads this module."""
-    engine_process._MODULE = __name__
+    engine_run._MODULE = __name__
 
 
 @contextlib.contextmanager
@@ -92,6 +93,6 @@ if __name__ == "__main__":
     from engine.cli.commands import reconstruct as command
 
     command.reconstruct = reconstruct  # type: ignore[assignment]
-    code = engine_process._main()
+    code = engine_run._main()
     sys.stdout.flush()
     os._exit(code)

@@ -47,7 +47,7 @@ def test_last_question_is_answered() -> None:
     process = preview._process
     assert process is not None
     preview.close()
-    wait_until(lambda: process.poll() is not None)
+    wait_until(lambda: not process.poll())
     preview.close()
     preview.ask("late")
     assert preview.poll() is None

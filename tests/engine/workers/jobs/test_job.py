@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from engine.core import errors
+from engine.core import engine_process, errors
 from engine.core.system import start_time
 from engine.workers.jobs import job as jobs
 from tests.conftest import wait_until
@@ -180,7 +180,7 @@ def test_another_process_with_the_same_pid_is_not_the_job(script: Script, tmp_pa
     job.wait()
     file = tmp_path / "job" / "job.json"
     text = file.read_text(encoding="utf-8")
-    file.write_text(text.replace(f'"pid": {job._pid}', f'"pid": {os.getpid()}'), encoding="utf-8")
+    file.write_text(text.replace(f'"pid": {job._process.pid}', f'"pid": {os.getpid()}'), encoding="utf-8")
     assert not jobs.Job.attach(tmp_path / "job").poll().running
 
 
@@ -238,14 +238,14 @@ def test_cancel_does_not_end_a_process_that_a_record_from_elsewhere_names(tmp_pa
         (tmp_path / "job" / "job.json").write_text(json.dumps(record))
         job = jobs.Job.attach(tmp_path / "job")
         job.cancel(grace_seconds=0.0)
-        job._kill()
+        job._process.kill()
         assert not job.poll().running and other.poll() is None
         other.kill()
 
 
 def test_unknown_process_is_not_ended(script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     job = start(script(WAITS), tmp_path)
-    monkeypatch.setattr(jobs, "process_runs", lambda *_: None)
+    monkeypatch.setattr(engine_process, "process_runs", lambda *_: None)
     again = jobs.Job.attach(tmp_path / "job")
     assert again.poll().running
     with pytest.raises(errors.EnvironmentProblem, match="does not report whether process"):

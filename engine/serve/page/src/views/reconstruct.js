@@ -7,6 +7,12 @@ import { isActive } from "../jobs.js";
 
 const FEWEST = 3; // Fewer photos never give a scene.
 
+function createOption(label, description) {
+  const input = h("input", { type: "checkbox" });
+  const words = h("span", null, h("strong", null, label), h("span", { class: "hint" }, description));
+  return { input, element: h("label", { class: "choice" }, input, words) };
+}
+
 export function createReconstruct(context, photos) {
   const { id, session } = context;
   let project = null;
@@ -19,20 +25,16 @@ export function createReconstruct(context, photos) {
     times.set(preset, time);
     return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, description), time));
   });
-  const masks = h("input", { type: "checkbox" });
-  const masking = h(
-    "label",
-    { class: "choice" },
-    masks,
-    h("span", null, h("strong", null, "Mask the background"), h("span", { class: "hint" }, "For an object on a turntable before a background that stands still.")),
-  );
+  const masks = createOption("Mask the background", "For an object on a turntable before a background that stands still.");
+  const light = createOption(session.light.label, `${session.light.description}.`);
   const button = h("button", { type: "button", class: "main large", onclick: () => during(button, start) }, "Reconstruct");
   const note = h("p", { class: "hint", "aria-live": "polite" });
   const element = h(
     "section",
     { class: "card", "aria-label": "Reconstruction" },
     h("fieldset", { class: "choices" }, h("legend", null, "How good should it be?"), choices),
-    masking,
+    masks.element,
+    light.element,
     h("div", { class: "next" }, button, note),
   );
   photos.onIdle(() => project && update(project));
@@ -42,7 +44,7 @@ export function createReconstruct(context, photos) {
 
   async function start() {
     const preset = element.querySelector("input[type=radio]:checked").value;
-    await startJob(id, { kind: "reconstruct", preset, mask_background: masks.checked });
+    await startJob(id, { kind: "reconstruct", preset, mask_background: masks.input.checked, light: light.input.checked });
     announce("The reconstruction has started.");
     window.scrollTo({ top: 0 });
     await context.refresh();
