@@ -111,7 +111,7 @@ def main() -> int:
                 case.store(options.work)
             if f"{room.name}/{case.name}" in options.shown:
                 pictures.append(case.picture(options.work))
-    if options.picture is not None:
+    if options.picture is not None and pictures:
         Image.fromarray(np.concatenate(pictures)).save(options.picture, quality=85)
     print_table(table(rows), options.doc, "meshes", _MARK)
     return 0
