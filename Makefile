@@ -163,7 +163,8 @@ bench-blender: setup ## import, redraw, sliders and pictures in Blender, into do
 		--doc docs/blender_speed.md
 
 bench-meshes: setup ## meshes of the exhibits of generated rooms beside true ones, into docs/meshes.md; ROOMS="out/rooms/room_1 ..."; a minute an object
-	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md
+	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md --picture docs/pictures/meshes.jpg \
+		--shown "room_5/sailing ship" "room_5/goblet 1" room_5/vase
 
 bench-path: setup ## the path from photos to the report taken apart, into docs/run_time.md; RUNS="FILE.json ..." of other machines; 10 minutes of two free cores
 	$(ENGINE) -m benchmarks.path run --out out/path
