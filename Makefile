@@ -77,8 +77,7 @@ web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictur
 	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web
 
 window-test: setup dist/gaussian_heritage_offline.zip ## the way of a curator in a real Blender window; needs root, debootstrap and 5 GB; 15 minutes
-	$(ENGINE) -m benchmarks.rooms render room_6
-	$(ENGINE) scripts/window_test.py --photos out/rooms/room_6/photos --doc docs/window.md
+	$(ENGINE) scripts/window_test.py --doc docs/window.md
 
 container-test: ## build the container image and use it; needs root, buildah, debootstrap and 12 GB; 10 minutes
 	$(ENGINE) scripts/container_test.py --doc docs/container.md
