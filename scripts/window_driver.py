@@ -117,6 +117,27 @@ for window in bpy.context.window_manager.windows:
         left, top, width, height = map(int, found[0].split())
         return left, top, width, height
 
+    def show_tab(self) -> None:
+        """Open the sidebar at the tab *Heritage*."""
+        for code in ("area.spaces.active.show_region_ui = True", "show(area)"):
+            self.python(f"""
+def show(area):
+    for region in area.regions:
+        if region.type == "UI":
+            region.active_panel_category = "Heritage"
+            region.tag_redraw()
+for area in bpy.context.window_manager.windows[0].screen.areas:
+    if area.type == "VIEW_3D": {code}
+""")
+            time.sleep(2)
+        self.settle()
+
+    def new_file(self) -> None:
+        """Begin a new file of Blender, with our tab in sight."""
+        self.python("bpy.ops.wm.read_homefile()")
+        self.wait_for("'Cube' in bpy.data.objects", 30)
+        self.show_tab()
+
     def newest(self) -> tuple[int, int, int, int]:
         """Return left, top, right and bottom of the newest window of Blender on the screen."""
         code = f"w = bpy.context.window_manager.windows[-1]; y = {SCREEN_HEIGHT} - w.y; "

@@ -25,6 +25,7 @@ from window_drops import drop_files
 from window_render import move_project, render_as_shown
 from window_report import report
 from window_selection import change_tools, continue_jobs, say_time_of_improving, select_objects
+from window_words import accept_a_picture, see_first_picture
 
 PICTURES = ROOT / "docs" / "pictures" / "window"
 PARTS = {
@@ -37,8 +38,13 @@ PARTS = {
     "click_object": "650x20+172+58",
 }
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
-SHOWN = ("by_hand", "measured", "german", "selected", "edit_mode", "tool", "waiting", "stopped", "render_shown")
+SHOWN = (
+    "by_hand", "measured", "german", "selected", "edit_mode", "tool", "waiting", "stopped", "render_shown",
+    "first_picture", "refused_word", "know_any_word",
+)  # fmt: skip
 """Further screenshots that are stored as pictures of the documentation, and not compared."""
+ROOM = "room_6"
+"""Kept room whose photos are imported, and whose trained scene is asked for a word."""
 SET_UP_BELOW, IMPORT_BELOW, BY_HAND_BELOW, MEASURE_BELOW = 75, 79, 654, 681
 """Buttons, and the headers of panels before there is an object, in pixels under the top of the sidebar."""
 MAX_DIFFERENCE = 0.04
@@ -101,19 +107,8 @@ def set_up_engine(window: Window, python: str) -> float:
 preferences = bpy.context.preferences.addons[{PACKAGE!r}].preferences
 preferences.base_python, preferences.offline_bundle = {python!r}, {str(window.work / "bundle.zip")!r}
 print(time_calls({PACKAGE!r}))
-for area in bpy.context.screen.areas if bpy.context.screen else bpy.context.window_manager.windows[0].screen.areas:
-    if area.type == "VIEW_3D": area.spaces.active.show_region_ui = True
 """)
-    time.sleep(2)
-    window.python("""
-for area in bpy.context.window_manager.windows[0].screen.areas:
-    for region in area.regions:
-        if (area.type, region.type) == ("VIEW_3D", "UI"):
-            region.active_panel_category = "Heritage"
-            region.tag_redraw()
-""")
-    time.sleep(1)
-    window.settle()
+    window.show_tab()
     window.shot("set_up")
     window.press(0.4, SET_UP_BELOW)
     window.shot("licences")
@@ -328,7 +323,6 @@ def main() -> int:
     )
     parser.add_argument("--root", type=Path, help="folder of the Debian root (default: WORK/root)")
     parser.add_argument("--bundle", type=Path, default=ROOT / "dist" / "gaussian_heritage_offline.zip")
-    parser.add_argument("--photos", type=Path, required=True, help="folder of the photos to import")
     parser.add_argument(
         "--keep", action="store_true", help="store the screenshots as pictures instead of comparing them"
     )
@@ -352,7 +346,10 @@ def main() -> int:
         check=True,
     )
     shutil.copy(options.bundle, work / "bundle.zip")
-    shutil.copytree(options.photos, work / "photos")
+    unpack = [python_of("engine"), "-m", "benchmarks.rooms", "unpack", ROOM, "--out", work / ROOM]
+    subprocess.run(unpack, cwd=ROOT, check=True)
+    shutil.copytree(work / ROOM / "photos", work / "photos")
+    shutil.copytree(ROOT / "demo" / "museum_room" / "photos", work / "museum")
     if not (root / "usr" / "bin" / "blender").exists():
         print("installing Blender into its own root (5 minutes)", flush=True)
         window.run("setup")
@@ -376,6 +373,8 @@ def main() -> int:
         ("continue jobs", lambda: continue_jobs(window)),
         ("move the project", lambda: move_project(window)),
         ("render", lambda: render_as_shown(window)),
+        ("a first picture", lambda: see_first_picture(window, work / "museum")),
+        ("accept a picture", lambda: accept_a_picture(window, work / ROOM / "project")),
         ("compare the pictures", lambda: compare_pictures(window, keep=options.keep)),
     ]
     try:

@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.sparse import csr_matrix
+from scipy.special import expit
 
 from engine.core.errors import ProjectError
 from engine.masks import load_default_sam
@@ -25,6 +27,8 @@ ROOT = Path(__file__).resolve().parents[2]
 _WIDTH = 320
 _COLOR = np.array([255, 60, 40], np.float32)
 _GAP = 6
+_CARRIED = "room_5"
+"""Kept room with a ship that segments join with its pedestal."""
 
 Picture = NDArray[np.float32]
 
@@ -39,6 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         project = unpack_room(ROOT / KEPT_FOLDER / f"{options.room}.tar.xz", Path(folder) / options.room)
         write_pictures(project, Path(folder) / options.room / "truth", options.object, options.out)
+        project = unpack_room(ROOT / KEPT_FOLDER / f"{_CARRIED}.tar.xz", Path(folder) / f"{_CARRIED}-carried")
+        write_support_picture(project, options.out)
     return 0
 
 
@@ -73,6 +79,25 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
              for one in levels.memberships]  # fmt: skip
     _write(out / "objects_levels.jpg", parts)
     _write(out / "objects_all.jpg", [_colored(context, one, groups) for one in (view, other)])
+
+
+def write_support_picture(project: Path, out: Path) -> None:
+    """Write what *Find All* chooses and changes most by what it stands on, before and after that."""
+    from engine.objects.choosing import whole_versions
+    from engine.objects.grounding import load_default_detector
+    from engine.objects.looks import load_or_build_looks
+    from engine.objects.proposals import LEAST_PROBABILITY, choose_sets
+    from engine.objects.support import standing
+
+    context = load_context(ProjectFolder.open_existing(project), BETTER, load_default_detector, load_default_sam)
+    looks = load_or_build_looks(context)
+    chosen = looks.members[whole_versions(looks, choose_sets(looks.members, expit(looks.odds) - LEAST_PROBABILITY))]
+    pairs = [(one, standing(one, context.surfaces, context.means)) for one in chosen]
+    before, after = max(pairs, key=lambda pair: float((pair[0] ^ pair[1]).sum() / pair[0].sum()))
+    shown = context.graph.shown(csr_matrix(before[None], dtype=np.float32))
+    view = context.views.of(context.views.cameras.by_photo[context.graph.photos[int(shown.argmax())]])
+    pictures = [_tinted(_photo(context, view), context.views.visible(view, one)) for one in (before, after)]
+    _write(out / "objects_support.jpg", pictures)
 
 
 def _photo(context: SegmentationContext, view: View) -> Picture:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, eye_array
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from .colmap import pycolmap
@@ -22,6 +23,7 @@ __all__ = [
     "SIZES_DIFFER",
     "balanced_scales",
     "feature_sizes",
+    "ids_at_gap",
     "largest_gap",
     "photos_at_gap",
     "relative_scales",
@@ -108,12 +110,19 @@ def photos_at_gap(database: Path, count: int) -> list[str]:
         COLMAP's database with verified matches.
     count : int
     """
-    ids, pairs = _size_ratios(database)
+    chosen = ids_at_gap(*_size_ratios(database), count)
+    with opened_database(database) as opened:
+        names = {image.image_id: image.name for image in opened.read_all_images()}
+    return sorted(names[image_id] for image_id in chosen)
+
+
+def ids_at_gap(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]], count: int) -> set[int]:
+    """Return the ids of `photos_at_gap`, from pairs (first, second, matches, ratio) as `balanced_scales` takes them."""
     scales = balanced_scales(ids, pairs)
     connected = sorted(_most_connected(ids, pairs), key=lambda image_id: (scales[image_id], image_id))
     steps = np.diff([scales[image_id] for image_id in connected])
     small = set(connected[: _MIN_GROUP + int(steps[_MIN_GROUP - 1 : len(steps) - _MIN_GROUP + 1].argmax())])
-    links = sorted((-matches, a, b) for a, b, matches, _ in pairs if a in scales and b in scales)
+    links = sorted((-matches, a, b) for a, b, matches, _ in pairs if {a, b} <= set(connected))
     chosen: set[int] = set()
     for _, a, b in links:
         if (a in small) != (b in small) and len(chosen | {a, b}) <= count // 2:
@@ -123,9 +132,7 @@ def photos_at_gap(database: Path, count: int) -> list[str]:
         if best is None:
             break
         chosen |= set(best)
-    with opened_database(database) as opened:
-        names = {image.image_id: image.name for image in opened.read_all_images()}
-    return sorted(names[image_id] for image_id in chosen)
+    return chosen
 
 
 def largest_gap(scales: Sequence[float]) -> float:
@@ -186,13 +193,15 @@ def balanced_scales(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, flo
     strength = np.sqrt([count for _, _, count, _ in pairs])
     weights = strength
     values = np.zeros(len(ids))
-    # Photos that no pair connects, and the mean of each part, are held at 0.
     held = _HELD * eye_array(len(ids), format="csr")
+    part = connected_components(abs(differences).T @ abs(differences))[1]
     for _ in range(_SWEEPS):
         weighted = differences.T * weights**2
         values = spsolve(csc_array(weighted @ differences + held), weighted @ ratios)
         # Weights by the residuals make the sum of squares one of absolute values, which wrong pairs change little.
         weights = strength / np.sqrt(np.maximum(np.abs(ratios - differences @ values), _EXACT))
+    # The mean of each part is 0. What holds it in the system leaves an error of rounding.
+    values = values - (np.bincount(part, values) / np.bincount(part))[part]
     return {image_id: float(values[index]) for image_id, index in column.items()}
 
 

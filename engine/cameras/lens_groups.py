@@ -43,9 +43,9 @@ _WIDTHS = (1.25, 1.12, _DIFFERENT_FOCAL)
 per photo scatter, and in a group with others even a badly known one is found."""
 _COUNTS = (2, 3)
 """Groups that photos are cut into by the sizes of features."""
-_SAMPLE = 36
-"""Photos that other groups are tried on first where only the sizes of features speak for them, and there are twice as
-many: a walk through rooms shows things from near and from far, and each of the groups costs a mapping."""
+_SAMPLE = 60
+"""Photos that other groups are tried on first where only the sizes of features speak for them: a walk through rooms
+shows things from near and from far, and each of the groups costs a mapping."""
 _BETTER = 0.95
 """Error of the model with other groups, relative to the first, from which down it is taken."""
 
@@ -80,7 +80,7 @@ def map_with_lenses(
     lens for each photo, grouped by sizes where these fall apart, and by the focal lengths found, coarsely first. A
     result is taken when it places as many photos with an error that is smaller by a twentieth, or more photos. Where
     sizes of features and focal lengths found both say that photos were zoomed, a smaller error is enough. Of more than
-    72 photos for which sizes alone speak for other groups, 36 are tried first.
+    60 photos for which sizes alone speak for other groups, 60 are tried first.
     """
     first_lenses = _first_lenses(workspace)
     assign_lenses(workspace, first_lenses)
@@ -95,7 +95,7 @@ def map_with_lenses(
     if not (doubtful or several_sizes):
         return models, trials
     search = _Search(workspace, first_lenses, relative_scales(workspace.database), several_sizes, should_stop)
-    if not doubtful and count > 2 * _SAMPLE:
+    if not doubtful and count > _SAMPLE:
         sample = photos_at_gap(workspace.database, _SAMPLE)
         few = map_photos(sample)
         largest_few = _largest(few)

@@ -153,7 +153,8 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
             scores = looks.scores(text, context)
     if not scores.any():
         raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
-    answers, found = answers_of(looks, scores, context.settings), []
+    found: list[FoundObject] = []
+    answers = answers_of(looks, scores, context.settings)
     if not answers:
         nearest = _LOOKS[likeness(float(scores.max()), SURE_SCORE)]
         raise NoMatchError(

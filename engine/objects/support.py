@@ -110,7 +110,7 @@ def horizontal_surfaces(gaussians: Gaussians) -> Surfaces:
     along = np.stack([second[flat] * middle[flat, None], third[flat] * long[flat, None]])
     spots = gaussians.means[flat, None] + np.einsum("sk,knd->nsd", _SPOTS, along)
     areas = gaussians.opacities[flat] * np.pi * _RADIUS**2 * middle[flat] * long[flat] / len(_SPOTS)
-    return Surfaces(spots.reshape(-1, 3), *(np.repeat(one, len(_SPOTS)) for one in (areas, flat)))
+    return Surfaces(spots.reshape(-1, 3), np.repeat(areas, len(_SPOTS)), np.repeat(flat, len(_SPOTS)))
 
 
 def standing(members: Mask, surfaces: Surfaces, means: Float32) -> Mask:

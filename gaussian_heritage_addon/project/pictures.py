@@ -35,7 +35,8 @@ def picture_icon(file: Path) -> int:
             require_small(file, _MAX_PIXELS)
             _collection().load(key, str(file), "IMAGE")
     preview = _collection().get(key)
-    return 0 if preview is None else int(preview.icon_id)
+    # Blender decodes it when its size is asked for; otherwise a turning circle stands in its place after each change.
+    return int(preview.icon_id) if preview is not None and preview.image_size[0] else 0
 
 
 def curve_icon(subject: str, points: Sequence[Point]) -> int:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from benchmarks.training.card import _file_name, run_settings
+from benchmarks.training.card import _file_name, run_name, run_settings
+from engine.core.system import usable_cores
 
 
 def test_long_runs_have_file_names_of_their_own_that_file_systems_take() -> None:
@@ -30,3 +31,11 @@ def test_preset_is_trained_as_a_plan_for_so_many_photos_has_it_on_a_card() -> No
     assert run_settings("best", 0, few, "gpu") == run_settings("standard", 0, few, "gpu")
     own = run_settings("2000:50000:dropout=0.1", 0, views, "cpu")
     assert (own.schedule.steps, own.growth.max_gaussians, own.loss.dropout) == (2_000, 50_000, 0.1)
+
+
+def test_on_the_processor_a_preset_has_its_own_sizes_and_the_run_is_named_after_its_cores() -> None:
+    views: Any = [SimpleNamespace(held_out=i % 8 == 4) for i in range(48)]
+    standard = run_settings("standard", 0, views, "cpu")
+    assert (standard.growth.max_gaussians, standard.appearance.sh_degree, standard.backend) == (40_000, 1, "cpu")
+    assert run_name("standard", "cpu") == f"{len(usable_cores())} cores:standard"
+    assert run_name("standard", "gpu") == "standard"

@@ -7,6 +7,7 @@ import functools
 from collections.abc import Iterator
 
 import torch
+from threadpoolctl import threadpool_limits
 
 __all__ = ["multiplies_bfloat16", "one_thread"]
 
@@ -23,14 +24,15 @@ def multiplies_bfloat16() -> bool:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit torch's own operations to one thread.
+    """Limit torch's own operations, and the linear algebra of NumPy, to one thread.
 
-    Its threads wait for each other by spinning, which costs small operations more CPU time than a second thread gains,
-    and slows them down on a machine with other work. See docs/design_notes/training.md.
+    Their threads wait for each other by spinning, which costs small operations more CPU time than a second thread
+    gains, and slows them down on a machine with other work. See docs/design_notes/training.md.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        yield
+        with threadpool_limits(1, "blas"):
+            yield
     finally:
         torch.set_num_threads(before)

@@ -83,9 +83,9 @@ def _library_memory() -> int | None:
 
 def memory_with_libraries() -> int | None:
     """Load the libraries of the stages, and return the peak memory of this process in bytes, None if not known."""
-    from ...cameras import sfm  # noqa: F401
-    from ...masks import sam  # noqa: F401
-    from ...training import loop  # noqa: F401
+    from ...cameras import estimate_cameras  # noqa: F401
+    from ...masks import load_sam  # noqa: F401
+    from ...training import train  # noqa: F401
 
     return peak_memory()
 

@@ -48,8 +48,8 @@ _MATCHED_PAIR_SECONDS = 0.065  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds per matched pair."""
 _CHECKED_PAIR_SECONDS = 0.012  # chosen on museum_room
 """Cameras: CPU seconds per matched pair of checking what the photos say against the cameras."""
-_MAPPING_SECONDS = 0.03  # chosen on museum_room, sakharov_statue32
-"""Cameras: CPU seconds of mapping n photos, divided by n^1.5."""
+_MAPPED_PAIR_SECONDS = 0.018  # chosen on museum_room, sakharov_statue32
+"""Cameras: CPU seconds of mapping per matched pair."""
 _SHARE_WITHOUT_TEXTURE = 0.5  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Cameras: share of the time that photos without any texture take. The number of features grows with the texture."""
 _GIVEN_CAMERAS_SECONDS = 1.0  # chosen on museum_room, sakharov_statue32
@@ -253,8 +253,8 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     Notes
     -----
     - photos: 0.03 s per photo and 0.045 s per megapixel
-    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 77 ms per matched pair + 0.03 s
-      n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
+    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 77 ms per matched pair + 18 ms for
+      mapping it) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
     - masks: 3 s per photo
     - training: `training_seconds`
     - objects: 1 s, 0.5 s per prompt, and 0.98 s + 18 us N per photo with segments that the graph reads
@@ -271,7 +271,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
             n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
             + n_compared * _COMPARED_PAIR_SECONDS
             + work.n_pairs * (_MATCHED_PAIR_SECONDS + _CHECKED_PAIR_SECONDS)
-            + (0.0 if work.poses_given else _MAPPING_SECONDS * n**1.5)
+            + (0.0 if work.poses_given else work.n_pairs * _MAPPED_PAIR_SECONDS)
         )
         return seconds * (_SHARE_WITHOUT_TEXTURE + work.texture)
     if stage == "masks":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.cameras.feature_scales import SIZES_DIFFER, balanced_scales, largest_gap, scale_groups
+from engine.cameras.feature_scales import SIZES_DIFFER, balanced_scales, ids_at_gap, largest_gap, scale_groups
 
 
 def ratios_of(scales: list[float], *, noise: float = 0.02) -> list[tuple[int, int, int, float]]:
@@ -59,3 +59,13 @@ def test_photos_of_two_zooms_fall_apart_and_those_of_a_walk_do_not() -> None:
 def test_one_photo_from_near_and_three_photos_are_no_groups() -> None:
     assert largest_gap([0.0, 0.02, 0.05, 0.08, 0.9]) < 1.05
     assert largest_gap([0.0, 0.5, 1.0]) == 1.0
+
+
+def test_photos_on_both_sides_of_a_gap_are_chosen_and_all_are_connected() -> None:
+    # Photos 0 to 19 from far, 20 to 39 from near; each matches the next two, and 40 and 41 match only each other.
+    scales = [0.0] * 20 + [0.5] * 20
+    pairs = [*ratios_of(scales), (40, 41, 900, 3.0)]
+    chosen = ids_at_gap(range(42), pairs, 10)
+    assert len(chosen) == 10 and {18, 19, 20, 21} <= chosen
+    assert set(np.diff(sorted(chosen)).tolist()) <= {1, 2}
+    assert len(ids_at_gap(range(42), pairs, 60)) == 40

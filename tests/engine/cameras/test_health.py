@@ -349,7 +349,9 @@ def test_photos_whose_focal_length_is_badly_known_stay_with_those_that_show_thin
     found = estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm", settings)
     # Grouped by the focal lengths found alone, two photos had lenses of their own, and positions were wrong by 8 %.
     focals = sorted({camera.params[0] for camera in found.cameras})
-    assert focals == pytest.approx([420.0, 840.0], rel=0.02)
+    # Their common scale is weak: another rounding of the first focal lengths, by 1e-8, changes it by 2 %.
+    assert focals == pytest.approx([420.0, 840.0], rel=0.04)
+    assert focals[1] / focals[0] == pytest.approx(2.0, rel=0.02)
 
 
 def test_mirrored_photos_are_named_and_not_placed(room: Scene, tmp_path: Path) -> None:

@@ -9,13 +9,19 @@ import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pycolmap
 import pytest
 from PIL import Image
 
+from engine.cameras import lens_groups
+from engine.cameras import sfm as sfm_module
+from engine.cameras.features import SfmWorkspace
 from engine.cameras.reconstruction import rounded
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras, other_groups_text
@@ -155,6 +161,24 @@ def test_cameras_that_differ_in_their_last_bits_are_stored_as_the_same(found: tu
     for a, b in zip(again.cameras, camera_set.cameras, strict=True):
         assert np.array_equal(a.viewmat, b.viewmat) and a.params == b.params
     assert np.array_equal(again.original_from_world, camera_set.original_from_world)
+
+
+def test_many_photos_that_show_things_in_several_sizes_are_mapped_once_and_some_with_other_lenses(
+    room: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mapped: list[int] = []
+
+    def counted(workspace: SfmWorkspace, names: Sequence[str], *others: Any) -> list[pycolmap.Reconstruction]:
+        mapped.append(len(names))
+        return map_photos(workspace, names, *others)
+
+    map_photos = sfm_module._map
+    monkeypatch.setattr(sfm_module, "_map", counted)
+    monkeypatch.setattr(lens_groups, "size_gap", lambda _: 2.0)
+    monkeypatch.setattr(lens_groups, "_SAMPLE", 5)
+    found = estimate_cameras(room.photo_set, tmp_path, QUICK)
+    assert mapped[0] == 0 and set(mapped[1:]) == {5}
+    assert len(found.cameras) == len(room.cameras) and len({camera.params for camera in found.cameras}) == 1
 
 
 @pytest.mark.parametrize("count", [1, 2])

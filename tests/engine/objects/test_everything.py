@@ -79,6 +79,27 @@ def test_of_two_that_reach_into_each_other_the_likelier_keeps_its_gaussians(blob
         assert whole > 0.95 if likelier == 0 else whole < 0.95
 
 
+def test_what_is_mostly_the_foot_of_a_likelier_object_is_left_out(
+    blobs: BlobScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, context = look(blobs, tmp_path)
+    made = build_looks(context)
+    ball, twin = (blobs.part == part for part in (RED, TWIN))
+    heights = blobs.gaussians.means[:, 2]
+    upper = ball & (heights > np.median(heights[ball]))
+    lower = (ball & ~upper) | (twin & (np.cumsum(twin) <= 0.3 * ball.sum()))
+
+    def stands(members: np.ndarray, *_: object) -> np.ndarray:
+        return members | ball if (members & upper).sum() > 0.9 * upper.sum() else lower
+
+    monkeypatch.setattr("engine.objects.lifting.standing", stands)
+    numbers = np.arange(2, dtype=np.int32)
+    sightings = (numbers, made.photo[:1] * 2, made.box[[0, 0]], made.described[[0, 0]])
+    context.kept["looks"] = Looks(np.stack([upper, lower]), np.array([3, 1], np.float32), numbers, *sightings)
+    (found,) = everything(context)
+    assert overlap(found.members, ball) > 0.95
+
+
 def test_what_does_not_look_whole_is_no_object(blobs: BlobScene, tmp_path: Path) -> None:
     project, _ = look(blobs, tmp_path)
 

@@ -15,6 +15,7 @@ from PIL import Image
 from engine.pictures import encode_png
 from engine.project.objects import ObjectRecord, read_record, save_object
 from engine.scene import Detailed
+from engine.training.settings import LIGHT_DESCRIPTION, LIGHT_LABEL, OFFERED_PRESETS
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 from .conftest import API, Client, jpeg
@@ -35,6 +36,12 @@ def project(client: Client, project: str, scene: BlobScene) -> str:
     mask[10:30, 20:40] = True
     save_object(folder / "project", record, members.astype(np.float32), pictures={"seed.png": encode_png(mask)})
     return project
+
+
+def test_the_page_offers_the_options_of_the_engines_list(client: Client) -> None:
+    told = client.http.get(f"{API}/session").json()
+    assert [one["name"] for one in told["presets"]] == [one.name for one in OFFERED_PRESETS]
+    assert told["light"] == {"label": LIGHT_LABEL, "description": LIGHT_DESCRIPTION}
 
 
 def test_members_of_an_object_are_a_bit_for_each_gaussian(client: Client, project: str, scene: BlobScene) -> None:

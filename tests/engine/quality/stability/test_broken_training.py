@@ -67,7 +67,7 @@ def test_a_budget_that_is_not_used_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_growth_faster_than_gaussians_settle_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Schedule, "gaussians_after_growth", lambda self, step, n: 2 * n if n < 5_000 else n)
+    monkeypatch.setattr(Schedule, "gaussians_after_growth", lambda self, step, n: 3 * n if n < 10_000 else n)
     assert "Gaussians became" in problems_of("budget_2_million")
 
 
