@@ -1,4 +1,4 @@
-"""Pictures of textured meshes without light, as photos show their colours."""
+"""Pictures of meshes: their textures without light, as photos show the colours, and their shapes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from engine.meshing.drawing import draw_triangles
 from engine.scene import Mesh, PinholeCamera
 
-__all__ = ["draw_mesh"]
+__all__ = ["draw_mesh", "draw_shape"]
 
 
 def draw_mesh(
@@ -25,13 +25,29 @@ def draw_mesh(
     return picture.reshape(height, finer, width, finer, 3).mean(axis=(1, 3))
 
 
+def draw_shape(mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float]) -> np.ndarray:
+    """Return the shape of a mesh, lit from the camera, before a background, [h, w, 3], float32, 0 to 1."""
+    _, faces, weights = draw_triangles(camera, mesh.vertices.astype(np.float64), mesh.faces)
+    shown = faces >= 0
+    normals = (mesh.normals[mesh.faces[faces[shown]]] * _corners(weights[shown])[..., None]).sum(axis=1)
+    toward = -(normals @ camera.viewmat[2, :3].astype(np.float32)) / np.linalg.norm(normals, axis=1)
+    picture = np.full((*faces.shape, 3), background, np.float32)
+    picture[shown] = (0.15 + 0.75 * np.abs(toward))[:, None]
+    return picture
+
+
+def _corners(weights: np.ndarray) -> np.ndarray:
+    """Return the weights of the three corners, [P, 3], from those of the second and third one."""
+    s, t = weights.T
+    return np.stack([1 - s - t, s, t], axis=1)
+
+
 def _drawn(mesh: Mesh, camera: PinholeCamera, background: Sequence[float]) -> np.ndarray:
     vertices = mesh.vertices.astype(np.float64)
     _, faces, weights = draw_triangles(camera, vertices, mesh.faces)
     z = np.maximum(vertices @ camera.viewmat[2, :3] + camera.viewmat[2, 3], 1e-6)
     shown = faces >= 0
-    s, t = weights[shown].T
-    corners = np.stack([1 - s - t, s, t], axis=1) / z[mesh.faces[faces[shown]]]
+    corners = _corners(weights[shown]) / z[mesh.faces[faces[shown]]]
     corners /= corners.sum(axis=1, keepdims=True)
     uv = (mesh.uv[mesh.texture_faces[faces[shown]]] * corners[..., None]).sum(axis=1)
     side = mesh.texture.shape[0]

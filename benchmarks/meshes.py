@@ -3,7 +3,7 @@
 ROOM is a folder of a generated room: ``photos``, ``truth`` and ``project``, as ``python -m benchmarks.rooms`` makes.
 Its true meshes are written to ``truth/meshes.npz`` of ``--work`` by ``demo/random_rooms/make_meshes.py`` first. An
 object is what the true masks of the training photos show, so that the figures are those of meshing alone. Nothing is
-stored in the project.
+stored in the project but the exhibits of ``--store``, as objects that other commands export.
 
 example: python -m benchmarks.meshes out/rooms/room_1 out/rooms/room_3 --work out/meshes --doc docs/meshes.md
 """
@@ -35,15 +35,16 @@ from engine.meshing.drawing import mesh_depth
 from engine.meshing.fusion import fuse
 from engine.meshing.settings import MeshSettings
 from engine.meshing.surface import extract_surface
-from engine.objects import DetailPhotos, Views, detail_object, erode_mask, read_part
+from engine.objects import DetailPhotos, DetailResult, Views, detail_object, erode_mask, read_part
 from engine.objects.settings import BETTER
 from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
-from engine.scene import Camera, CameraSet, Gaussians, Mesh, read_camera_set
+from engine.project.objects import ObjectRecord, new_id, save_object
+from engine.scene import Camera, CameraSet, Gaussians, Mesh, PinholeCamera, read_camera_set
 from engine.training import load_gaussians
 
 from .documents import print_table
-from .mesh_pictures import draw_mesh
+from .mesh_pictures import draw_mesh, draw_shape
 
 _POINTS = 30_000
 """Points of a surface that distances are measured at."""
@@ -57,6 +58,10 @@ _MIN_PIXELS = 100
 """Smallest true mask, in pixels, that shows the object to the PSNR."""
 _HELD_OUT = 6
 """Without test photos of the scene, each so many-th photo is kept from meshing; the splats were trained on it."""
+_PICTURE_SIDE = 260
+"""Width and height of one picture of an object, in pixels."""
+_PAPER = (0.85, 0.85, 0.85)
+"""Colour behind splats and meshes."""
 _PYTHON = Path(".venv/blender-4.5")
 _MARK = (
     "**In sample**: room_1, on which constants of meshing were chosen. **Test** of meshing: the other rooms. Distances "
@@ -89,13 +94,25 @@ def main() -> int:
     parser.add_argument("rooms", nargs="+", type=Path, help="folders of rooms")
     parser.add_argument("--work", type=Path, required=True, help="folder for true meshes and measured rows")
     parser.add_argument("--only", nargs="*", help="names of exhibits")
+    parser.add_argument("--store", nargs="*", default=(), help="exhibits that become objects of their projects")
+    parser.add_argument("--picture", type=Path, help="picture of photos, splats and meshes")
+    parser.add_argument("--shown", nargs="*", default=(), metavar="ROOM/NAME", help="exhibits in that picture")
     parser.add_argument("--blender", type=Path, help="a Python with bpy (default: that of make setup)")
     parser.add_argument("--doc", type=Path, help="document with the marks of the part `meshes`")
     options = parser.parse_args()
     rows: list[Row] = []
+    pictures = []
     for room in options.rooms:
         truth = true_meshes(room, options.work, options.blender)
-        rows += measured(room, truth, options.work, options.only)
+        cases = _cases(room, truth, options.only)
+        rows += measured(cases, truth, options.work)
+        for case in cases:
+            if case.name in options.store:
+                case.store(options.work)
+            if f"{room.name}/{case.name}" in options.shown:
+                pictures.append(case.picture(options.work))
+    if options.picture is not None:
+        Image.fromarray(np.concatenate(pictures)).save(options.picture, quality=85)
     print_table(table(rows), options.doc, "meshes", _MARK)
     return 0
 
@@ -112,8 +129,8 @@ def true_meshes(room: Path, work: Path, blender: Path | None) -> Mapping[str, np
         return dict(arrays)
 
 
-def measured(room: Path, truth: Mapping[str, np.ndarray], work: Path, only: Sequence[str] | None) -> list[Row]:
-    """Return the rows of a room. What is measured is kept in `work`, so that a killed run does not measure it again."""
+def _cases(room: Path, truth: Mapping[str, np.ndarray], only: Sequence[str] | None) -> list[Case]:
+    """Return the exhibits of a room with a true mesh."""
     project = ProjectFolder.open_existing(room / "project")
     gaussians = load_gaussians(project.path / "gaussians")
     camera_set = read_camera_set(project.path / "cameras")
@@ -123,16 +140,21 @@ def measured(room: Path, truth: Mapping[str, np.ndarray], work: Path, only: Sequ
             photos, held_out=frozenset(camera.photo for camera in camera_set.cameras[_HELD_OUT::_HELD_OUT])
         )
     names = json.loads((room / "truth" / "names.json").read_text(encoding="utf-8"))
+    return [
+        Case(room, entry["name"], int(identity), gaussians, camera_set, photos)
+        for identity, entry in names.items()
+        if not entry.get("ignore") and f"{entry['name']}/vertices" in truth and (not only or entry["name"] in only)
+    ]
+
+
+def measured(cases: Sequence[Case], truth: Mapping[str, np.ndarray], work: Path) -> list[Row]:
+    """Return the rows of a room. What is measured is kept in `work`, so that a killed run does not measure it again."""
     rows = []
-    for identity, entry in names.items():
-        name = entry["name"]
-        if entry.get("ignore") or f"{name}/vertices" not in truth or (only and name not in only):
-            continue
-        kept = work / room.name / f"{name}.pickle"
+    for case in cases:
+        kept = case.kept(work)
         if not kept.exists():
-            case = Case(room, int(identity), gaussians, camera_set, photos)
-            vertices, faces = truth[f"{name}/vertices"], truth[f"{name}/faces"]
-            kept.write_bytes(pickle.dumps(case.row(name, vertices, faces, kept.with_suffix(".mesh"))))
+            row = case.row(truth[f"{case.name}/vertices"], truth[f"{case.name}/faces"], work)
+            kept.write_bytes(pickle.dumps(row))
         row = pickle.loads(kept.read_bytes())  # noqa: S301 written by this program
         if row is not None:
             rows.append(row)
@@ -145,6 +167,7 @@ class Case:
     """One object of a room."""
 
     room: Path
+    name: str
     identity: int
     gaussians: Gaussians
     camera_set: CameraSet
@@ -154,21 +177,25 @@ class Case:
     def cameras(self) -> Sequence[Camera]:
         return self.camera_set.cameras
 
-    def row(self, name: str, vertices: np.ndarray, faces: np.ndarray, kept: Path) -> Row | None:
+    def kept(self, work: Path, suffix: str = ".pickle") -> Path:
+        """Return the file of what was measured or made of the object."""
+        return work / self.room.name / f"{self.name}{suffix}"
+
+    def row(self, vertices: np.ndarray, faces: np.ndarray, work: Path) -> Row | None:
         """Return the figures of the object; None where it has no mesh, which is said."""
         plain = Scene(replace(self.gaussians, features=None))
         members = self._members(plain)
-        scene, own = self._detailed(members, kept.with_suffix(".detail"))
+        scene, own = self._detailed(members, work)
         world_from_original = np.linalg.inv(self.camera_set.original_from_world)
         true = vertices.astype(np.float64) @ world_from_original[:3, :3].T + world_from_original[:3, 3]
         started = time.process_time()
         try:
             result = mesh_object(scene, own, self.cameras, self.photos, MeshSettings(), should_stop=never_stop)
         except HeritageError as error:
-            sys.stdout.write(f"{self.room.name} {name}: {error}\n")
+            sys.stdout.write(f"{self.room.name} {self.name}: {error}\n")
             return None
         seconds = time.process_time() - started
-        kept.write_bytes(pickle.dumps(result))
+        self.kept(work, ".mesh").write_bytes(pickle.dumps(result))
         mesh = result.mesh
         visible = self._visible(true, faces)
         diagonal = float(np.linalg.norm(np.ptp(true, axis=0)))
@@ -181,20 +208,53 @@ class Case:
         psnr, splat = self._psnr(mesh, scene.gaussians[np.flatnonzero(own)])
         filled = 100 * result.record["filled_share"]
         figures = (100 * pixel / diagonal, *ours, *exact, *centers, psnr, splat, filled, seconds)
-        return Row(self.room.name, name, *figures)
+        return Row(self.room.name, self.name, *figures)
 
-    def _detailed(self, members: np.ndarray, kept: Path) -> tuple[Scene, np.ndarray]:
-        """Return the scene with the object in detail, its Gaussians first, and which are the object's."""
+    def store(self, work: Path) -> None:
+        """Make an object with detail of the exhibit in the room's project."""
+        members = self._members(Scene(replace(self.gaussians, features=None)))
+        record = ObjectRecord(
+            new_id(self.name, ()), self.name, {"text": self.name}, 0.5, 1.0, 1.0, int(members.sum()), len(members)
+        )
+        detailed = self._detail(members, work).detailed
+        save_object(self.room / "project", record, members.astype(np.float32), detailed=detailed)
+
+    def picture(self, work: Path) -> np.ndarray:
+        """Return a test photo that shows most of the object, its splats, its mesh without light, and its shape."""
+        mesh = pickle.loads(self.kept(work, ".mesh").read_bytes()).mesh  # noqa: S301 written by this program
+        scene, own = self._detailed(self._members(Scene(replace(self.gaussians, features=None))), work)
+        tests = [camera for camera in self.cameras if camera.photo in self.photos.held_out]
+        shown = max(tests, key=lambda camera: int((self._mask(camera) > 0).sum()))
+        frame = _close_up(training_pinhole(shown, max_side=480), mesh)
+        photo, _ = read_part(self.photos, shown, frame, frame)
+        splats = Scene(scene.gaussians[np.flatnonzero(own)]).render(frame, color=True)
+        paper = np.array(_PAPER)
+        drawn = [
+            photo / 255,
+            splats.channels + (1 - splats.alpha[..., None]) * paper,
+            draw_mesh(mesh, frame, background=_PAPER, finer=_FINER),
+            draw_shape(mesh, frame, background=_PAPER),
+        ]
+        return np.rint(255 * np.clip(np.concatenate(drawn, axis=1), 0, 1)).astype(np.uint8)
+
+    def _detail(self, members: np.ndarray, work: Path) -> DetailResult:
+        kept = self.kept(work, ".detail")
         if not kept.exists():
             views = Views(Scene(self.gaussians), self.camera_set, render_side=BETTER.render_side)
             kept.write_bytes(pickle.dumps(detail_object(views, self.photos, members, BETTER, should_stop=never_stop)))
-        detailed = pickle.loads(kept.read_bytes()).detailed  # noqa: S301 written by this program
+        result: DetailResult = pickle.loads(kept.read_bytes())  # noqa: S301 written by this program
+        return result
+
+    def _detailed(self, members: np.ndarray, work: Path) -> tuple[Scene, np.ndarray]:
+        """Return the scene with the object in detail, its Gaussians first, and which are the object's."""
+        detailed = self._detail(members, work).detailed
         whole = replace(self.gaussians, features=None)
         own = whole[np.flatnonzero(members)] if detailed is None else replace(detailed.gaussians, features=None)
         scene = own.joined(whole[np.flatnonzero(~members)])
         return Scene(scene), np.arange(len(scene)) < len(own)
 
     def _mask(self, camera: Camera) -> np.ndarray:
+        """Return the true mask in a photo."""
         return np.asarray(Image.open(self.room / "truth" / "masks" / f"{Path(camera.photo).stem}.png")) == self.identity
 
     def _members(self, scene: Scene) -> np.ndarray:
@@ -259,6 +319,19 @@ class Case:
             return float("nan"), float("nan")
         mesh_psnr, splat_psnr = (float(-10 * np.log10(np.mean(one))) for one in errors)
         return mesh_psnr, splat_psnr
+
+
+def _close_up(frame: PinholeCamera, mesh: Mesh) -> PinholeCamera:
+    """Return the square part of a photo that shows a mesh, `_PICTURE_SIDE` pixels wide."""
+    local = mesh.vertices.astype(np.float64) @ frame.viewmat[:3, :3].T + frame.viewmat[:3, 3]
+    pixels = local[:, :2] / local[:, 2:] * np.diag(frame.K)[:2] + frame.K[:2, 2]
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    scale = _PICTURE_SIDE / (1.15 * float((high - low).max()))
+    K = frame.K.copy()
+    K[:2, 2] -= (low + high) / 2
+    K[:2] *= scale
+    K[:2, 2] += _PICTURE_SIDE / 2
+    return replace(frame, K=K, width=_PICTURE_SIDE, height=_PICTURE_SIDE)
 
 
 def _fused(maps: Iterable[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
