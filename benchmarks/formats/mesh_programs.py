@@ -121,8 +121,17 @@ def drawn_rows(files: MeshFiles) -> tuple[list[Row], list[Picture]]:
     return rows, pictures
 
 
-def shown_in_model_viewer(files: MeshFiles) -> tuple[str, Picture]:
-    """Return what model-viewer shows of the GLB from the first side, with its own light: a sentence and a picture.
+def shown_in_model_viewer(files: MeshFiles) -> tuple[float, Framed, Picture]:
+    """Return what model-viewer shows of the GLB, with light of its own.
+
+    Returns
+    -------
+    same : float
+        How alike the outline from the first side is to ours, 0 to 1.
+    framed : Framed
+        In its own framing.
+    picture : array of shape [H, W, 3]
+        From the first side.
 
     Raises
     ------
@@ -143,12 +152,8 @@ def shown_in_model_viewer(files: MeshFiles) -> tuple[str, Picture]:
             own_picture(browser, f"{address}/model_viewer.html?{urllib.parse.urlencode(one)}")
             for one in (asked, {"file": file.name})
         )
-    same = _overlap(shot, draw_mesh(files.mesh, camera_at(eye, target, _FOV), finer=2))
-    text = (
-        f"model-viewer draws the GLB with light of its own: same outline {100 * same:.1f} %. As it opens the "
-        f"file, the object's largest side fills {100 * Framed.of(itself).extent:.0f} % of the picture."
-    )
-    return text, shot
+    ours = draw_mesh(files.mesh, camera_at(eye, target, _FOV), finer=2)
+    return _overlap(shot, ours), Framed.of(itself), shot
 
 
 def check_rows(files: MeshFiles) -> list[Row]:
