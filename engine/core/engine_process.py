@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from .errors import DiskError, FormatError
+from .errors import DiskError, FormatError, StartError
 from .events import Event, from_json_line
 from .files import opened
 from .system import (
@@ -145,7 +145,7 @@ class EngineProcess:
 
         Raises
         ------
-        DiskError
+        StartError
             When it cannot be started.
         """
         pipe = subprocess.PIPE
@@ -164,7 +164,7 @@ class EngineProcess:
         Raises
         ------
         DiskError
-            When the files cannot be written, or the process cannot be started.
+            When the files cannot be written, or, as `StartError`, the process cannot be started.
         """
         try:
             with (folder / EVENTS_FILE).open("wb") as events, (folder / ERRORS_FILE).open("wb") as errors:
@@ -184,7 +184,7 @@ class EngineProcess:
         except (OSError, ValueError) as error:  # ValueError: a null character in an argument
             reason = (isinstance(error, OSError) and error.strerror) or error
             where = "" if folder is None else f" in {folder}"
-            raise DiskError(f"{command[0]} could not be started{where}: {reason}. Check its path.") from error
+            raise StartError(f"{command[0]} could not be started{where}: {reason}. Check its path.") from error
         run = cls(process.pid, command, start_time(process.pid), folder)
         run._process = process
         return run

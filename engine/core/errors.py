@@ -40,6 +40,7 @@ __all__ = [
     "ProjectInUse",
     "PromptError",
     "SettingsError",
+    "StartError",
     "TrainingError",
     "is_out_of_memory",
 ]
@@ -101,6 +102,10 @@ class ProjectInUse(ProjectError):
 
 class DiskError(ProjectError):
     """The disk is full, read-only or unreachable."""
+
+
+class StartError(DiskError):
+    """A program cannot be started."""
 
 
 class ModelFileError(HeritageError):

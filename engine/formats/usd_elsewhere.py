@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.child_process import ChildFailure, run_in_child
-from ..core.errors import DiskError
+from ..core.errors import DiskError, StartError
 from ..scene import Gaussians
 from .ply import read_ply, write_ply
 from .usd import write_usd
@@ -65,7 +65,7 @@ def write_usd_elsewhere(
                 what=f"writing {path}",
                 python=python,
             )
-        except (ChildFailure, OSError) as failure:
+        except (ChildFailure, StartError) as failure:
             raise DiskError(f"{path} was not written: {failure} Export GLB, PLY or SPZ instead.") from failure
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.special import logit
 
-from ..core.arrays import Float64, Mask
+from ..core.arrays import Float32, Float64, Mask
 from .lifting import MAX_COMMON, is_same
 from .looks import Looks
 from .settings import SegmentSettings
@@ -65,6 +65,9 @@ def answers_of(looks: Looks, scores: Float64, settings: SegmentSettings) -> list
 def whole_versions(looks: Looks, numbers: Sequence[int]) -> list[int]:
     """Return for each of several objects its largest version that is about as likely an object.
 
+    What such a version adds is no object that is likelier than the version: a goblet that stands before a drum is not
+    a part of it.
+
     Parameters
     ----------
     looks : Looks
@@ -87,8 +90,17 @@ def whole_versions(looks: Looks, numbers: Sequence[int]) -> list[int]:
     found = []
     for row, number in enumerate(numbers):
         larger = np.flatnonzero(near[row] & ~np.delete(same, row, axis=0).any(axis=0))
+        larger = np.array([k for k in larger if not _adds_an_object(looks, sets, sizes, number, int(k))], np.intp)
         found.append(max([number, *map(int, larger)], key=lambda k: float(sizes[k])))
     return found
+
+
+def _adds_an_object(looks: Looks, sets: csr_matrix, sizes: Float32, number: int, larger: int) -> bool:
+    """Return whether what a larger version adds to a proposal is a proposal itself, and a likelier object."""
+    added = looks.members[larger] & ~looks.members[number]
+    common = np.asarray(sets @ added.astype(np.float32))
+    alike = common > _SIMILAR_IOU * (sizes + added.sum() - common)
+    return bool((alike & (looks.odds > looks.odds[larger])).any())
 
 
 def offers_of(looks: Looks, scores: Float64 | None, stored: Sequence[Mask] = ()) -> list[int]:

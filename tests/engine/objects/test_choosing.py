@@ -61,3 +61,10 @@ def test_larger_version_does_not_take_in_another_object_that_was_found() -> None
     vase, both, bowl = [1] * 7 + [0] * 3, [1] * 10, [0] * 7 + [1] * 3
     looks = looks_of(np.array([vase, both, bowl], bool), [2, 2, 2], [0, 1, 2])
     assert whole_versions(looks, [0, 2]) == [0, 2] and whole_versions(looks, [0]) == [1]
+
+
+def test_larger_version_does_not_take_in_what_is_a_likelier_object_by_itself() -> None:
+    drum, both, goblet = [1] * 7 + [0] * 3, [1] * 10, [0] * 7 + [1] * 3
+    members = np.array([drum, both, goblet], bool)
+    assert whole_versions(looks_of(members, [0.6, 0.7, 2.6], [0, 1, 2]), [0]) == [0]
+    assert whole_versions(looks_of(members, [0.6, 0.7, 0.5], [0, 1, 2]), [0]) == [1], "a foot is less likely an object"
