@@ -175,8 +175,9 @@ bench-scale: setup ## cameras of 25 to 300 photos of a generated building and of
 bench-formats: setup ## time, size and memory of exported files beside other programs, into docs/formats.md; 5 minutes
 	$(ENGINE) -m benchmarks.formats speed --doc docs/formats.md
 
-readers-test: setup ## exported files in other programs and viewers; needs npm, Chromium and the project of `make demo`; 5 minutes
+readers-test: setup ## exported files in other programs and viewers; needs npm, Chromium and the project of `make demo`; 10 minutes
 	$(ENGINE) -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md --pictures docs/pictures/formats
+	$(ENGINE) -m benchmarks.formats meshes --project out/museum_room/project --doc docs/meshes.md --pictures docs/pictures/formats
 
 bench-packages: setup page ## verify beside sha256sum, and the cost of a package, into docs/records.md; needs the project of `make demo`
 	$(ENGINE) -m benchmarks.packages --project out/museum_room/project --doc docs/records.md

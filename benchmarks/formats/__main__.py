@@ -1,4 +1,4 @@
-"""Measures file formats and writes the figures of docs/formats.md, for `make bench-formats` and `make readers-test`.
+"""Measures file formats into docs/formats.md and docs/meshes.md, for `make bench-formats` and `make readers-test`.
 
 example: python -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md
 """
@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST_PSNR = 28.0
+LEAST_OVERLAP = 0.9
+"""Share of the pixels of either outline of a mesh that are in both."""
+FOUND_GOOD = ("0 errors", "watertight")
+"""Begins of what programs find in meshes that they take."""
 LEAST_EXTENT = 0.25
 """Share of the picture's width or height that a viewer's own framing fills. With its far Gaussians, a room is a dot."""
 
@@ -33,10 +37,14 @@ def main() -> int:
     """Measure, and write and print a part of the document; return 1 when a reader or a viewer shows something else."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    for name, text in (("speed", "time, size and memory"), ("readers", "other programs' readers, and viewers")):
+    for name, text in (
+        ("speed", "time, size and memory"),
+        ("readers", "other programs' readers, and viewers"),
+        ("meshes", "meshes in viewers, Blender and programs for printing"),
+    ):
         command = commands.add_parser(name, help=text)
         command.add_argument("--doc", type=Path, required=True)
-        if name == "readers":
+        if name != "speed":
             command.add_argument("--project", type=Path, required=True, help="a project folder with a scene")
             command.add_argument("--object", default="vase", help="an object of it (default: %(default)s)")
             command.add_argument("--pictures", type=Path, help="folder for screenshots")
@@ -44,7 +52,7 @@ def main() -> int:
     try:
         require_node_modules()
         with tempfile.TemporaryDirectory() as name:
-            return speed(options, Path(name)) if options.command == "speed" else readers(options, Path(name))
+            return {"speed": speed, "readers": readers, "meshes": meshes}[options.command](options, Path(name))
     except HeritageError as error:
         print(error, file=sys.stderr)
         return 1
@@ -104,6 +112,36 @@ def readers(options: argparse.Namespace, folder: Path) -> int:
     for viewer, kind, found in small:
         print(f"{viewer} opens {kind} too small: {100 * found.extent:.0f} % of the picture.", file=sys.stderr)
     return 1 if bad or small or any("other" in row[2] or " of " in row[2] for row in rows) else 0
+
+
+def meshes(options: argparse.Namespace, folder: Path) -> int:
+    """Look at the meshes of an object in viewers and Blender, and let other programs check them."""
+    from .mesh_programs import check_rows, drawn_rows, exported_meshes, shown_in_model_viewer
+
+    files = exported_meshes(options.project, options.object, folder)
+    (shown, pictures), checked = drawn_rows(files), check_rows(files)
+    same, framed, shot = shown_in_model_viewer(files)
+    if options.pictures is not None:
+        from .viewers import keep_pictures
+
+        options.pictures.mkdir(parents=True, exist_ok=True)
+        keep_pictures(options.pictures / "mesh_programs.jpg", [*pictures, shot])
+    text = (
+        f"The object `{options.object}` of {options.project.parent.name}.\n\n"
+        + _table(("drawn without light by", "file", "PSNR beside our picture, dB", "same outline, %"), shown)
+        + f"\n\nmodel-viewer draws the GLB with light of its own: same outline {100 * same:.1f} %. As it opens the "
+        f"file, the object's largest side fills {100 * framed.extent:.0f} % of the picture.\n\n"
+        + _table(("file", "checked by", "found"), checked)
+    )
+    _publish(options.doc, "programs", text)
+    bad = [f"{row[0]} shows {row[1]}" for row in shown if float(row[2].split(",")[0]) < LEAST_PSNR]
+    bad += ["model-viewer shows GLB"] if same < LEAST_OVERLAP or framed.extent < LEAST_EXTENT else []
+    for one in bad:
+        print(f"{one} otherwise than we do.", file=sys.stderr)
+    wrong = [row for row in checked if not row[2].startswith(FOUND_GOOD) or {"no", "not"} & set(row[2].split())]
+    for file, program, found in wrong:
+        print(f"{program} finds in {file}: {found}", file=sys.stderr)
+    return int(bool(bad or wrong))
 
 
 def _exported(project: Path, file: Path, name: str | None = None) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from functools import partial
@@ -30,10 +31,11 @@ from engine.formats import (
 from engine.pictures import decode_picture, encode_picture
 from engine.scene import Gaussians, rotations_from_quats
 
-__all__ = ["reader_rows", "require_node_modules", "splat_transform"]
+__all__ = ["NODE_MODULES", "reader_rows", "require_node_modules", "splat_transform"]
 
 HERE = Path(__file__).resolve().parent
-PROGRAM = HERE / "node_modules" / "@playcanvas" / "splat-transform" / "bin" / "cli.mjs"
+NODE_MODULES = HERE / "node_modules"
+PROGRAM = NODE_MODULES / "@playcanvas" / "splat-transform" / "bin" / "cli.mjs"
 Row = tuple[str, str, str]
 
 
@@ -45,7 +47,8 @@ def require_node_modules() -> None:
     EnvironmentProblem
         When npm is missing or fails.
     """
-    if PROGRAM.is_file():
+    wanted = json.loads((HERE / "package.json").read_text(encoding="utf-8"))["dependencies"]
+    if all((NODE_MODULES / name / "package.json").is_file() for name in wanted):
         return
     npm = shutil.which("npm")
     if npm is None:

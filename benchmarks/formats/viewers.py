@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import functools
 import http.server
+import io
 import json
 import shutil
 import threading
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import TimeoutError as PageTimeout
 
 from benchmarks.serve.page import WEBGL, read_picture
 from engine.core.errors import EnvironmentProblem
@@ -24,14 +27,29 @@ from engine.formats import read_glb, read_ply
 from engine.pictures import Scene
 from engine.scene import PinholeCamera, read_camera_set
 
-__all__ = ["Framed", "Shown", "framed_by_viewers", "shown_in_viewers"]
+__all__ = [
+    "HEIGHT",
+    "WIDTH",
+    "Framed",
+    "Point",
+    "Shown",
+    "camera_at",
+    "chromium",
+    "framed_by_viewers",
+    "keep_pictures",
+    "listed",
+    "own_picture",
+    "psnr",
+    "served",
+    "shown_in_viewers",
+]
 
 HERE = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 640, 480
 FOV = 50.0
 """Vertical field of view in degrees."""
 N_VIEWS = 3
-MAX_SECONDS = 90
+MAX_SECONDS = 180
 Point = NDArray[np.float64]
 
 
@@ -98,7 +116,7 @@ def shown_in_viewers(project: Path, files: list[Path], pictures: Path | None) ->
     cameras = read_camera_set(project / "cameras").cameras
     chosen = [cameras[index] for index in np.linspace(0, len(cameras) - 1, N_VIEWS).astype(int)]
     looks = [(np.asarray(one.center), np.asarray(one.center + one.viewmat[2, :3])) for one in chosen]
-    with _browser() as browser, _served(files) as (address, folder):
+    with chromium() as browser, served(files) as (address, folder):
         found = []
         for file in files:
             gaussians = (read_glb if file.suffix == ".glb" else read_ply)(file)
@@ -113,14 +131,16 @@ def shown_in_viewers(project: Path, files: list[Path], pictures: Path | None) ->
                     shots.append(_screenshot(browser, f"{address}/{page}", folder))
                 if pictures is not None:
                     pictures.mkdir(parents=True, exist_ok=True)
-                    _keep(pictures / f"{viewer.name.lower()}_{file.suffix[1:]}.jpg", [expected[0], shots[0], shots[-1]])
+                    keep_pictures(
+                        pictures / f"{viewer.name.lower()}_{file.suffix[1:]}.jpg", [expected[0], shots[0], shots[-1]]
+                    )
                 pairs = list(zip(shots, expected, strict=False))
                 found.append(
                     Shown(
                         viewer.name,
                         file.suffix[1:].upper(),
-                        tuple(_psnr(shot, wanted) for shot, wanted in pairs),
-                        float(np.mean([_psnr(shot, wanted[::-1, ::-1]) for shot, wanted in pairs])),
+                        tuple(psnr(shot, wanted) for shot, wanted in pairs),
+                        float(np.mean([psnr(shot, wanted[::-1, ::-1]) for shot, wanted in pairs])),
                         Framed.of(shots[-1]),
                     )
                 )
@@ -133,7 +153,7 @@ def framed_by_viewers(files: list[Path], pictures: Path | None) -> list[tuple[st
     `pictures` is the folder of screenshots, one for each kind of file, with the viewers side by side.
     """
     found = []
-    with _browser() as browser, _served(files) as (address, folder):
+    with chromium() as browser, served(files) as (address, folder):
         for file in files:
             shots = []
             for viewer in VIEWERS:
@@ -143,12 +163,12 @@ def framed_by_viewers(files: list[Path], pictures: Path | None) -> list[tuple[st
                     found.append((viewer.name, file.suffix[1:].upper(), Framed.of(shots[-1])))
             if pictures is not None:
                 pictures.mkdir(parents=True, exist_ok=True)
-                _keep(pictures / f"object_{file.suffix[1:]}.jpg", shots)
+                keep_pictures(pictures / f"object_{file.suffix[1:]}.jpg", shots)
     return found
 
 
 @contextmanager
-def _browser() -> Iterator[Browser]:
+def chromium() -> Iterator[Browser]:
     """Start Chromium without a window, with WebGL in software."""
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
@@ -161,25 +181,31 @@ def _browser() -> Iterator[Browser]:
             browser.close()
 
 
-def _psnr(shown: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
+def psnr(shown: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
+    """Return the PSNR of two pictures, dB."""
     return float(-10 * np.log10(np.mean((shown - wanted) ** 2)))
 
 
-def _engine_picture(scene: Scene, eye: Point, target: Point) -> NDArray[np.float64]:
-    """Return the engine's picture, [H, W, 3] in [0, 1], of a camera whose picture's side is level."""
+def camera_at(eye: Point, target: Point, fov: float = FOV) -> PinholeCamera:
+    """Return a level camera of the viewers' size; `fov` is its vertical field of view in degrees."""
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     viewmat = np.eye(4)
     viewmat[:3, :3] = (right, np.cross(forward, right), forward)
     viewmat[:3, 3] = -viewmat[:3, :3] @ eye
-    focal = HEIGHT / (2 * np.tan(np.radians(FOV) / 2))
+    focal = HEIGHT / (2 * np.tan(np.radians(fov) / 2))
     K = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1.0]])
-    camera = PinholeCamera(viewmat, K, WIDTH, HEIGHT)
-    return scene.render(camera, color=True).channels.clip(0, 1).astype(np.float64)
+    return PinholeCamera(viewmat, K, WIDTH, HEIGHT)
 
 
-def _keep(file: Path, pictures: list[NDArray[np.float64]]) -> None:
+def _engine_picture(scene: Scene, eye: Point, target: Point) -> NDArray[np.float64]:
+    """Return the engine's picture, [H, W, 3] in [0, 1]."""
+    return scene.render(camera_at(eye, target), color=True).channels.clip(0, 1).astype(np.float64)
+
+
+def keep_pictures(file: Path, pictures: list[NDArray[np.float64]]) -> None:
+    """Write pictures of viewers side by side, at half their size."""
     row = np.concatenate(pictures, axis=1)
     size = (len(pictures) * WIDTH // 2, HEIGHT // 2)
     Image.fromarray(np.round(row * 255).astype(np.uint8)).resize(size).save(file, quality=85)
@@ -202,20 +228,38 @@ def _screenshot(browser: Browser, address: str, folder: Path) -> NDArray[np.floa
     raise EnvironmentProblem(f"{address} showed nothing steady in {MAX_SECONDS} seconds.")
 
 
+def own_picture(browser: Browser, address: str) -> NDArray[np.float64]:
+    """Return the picture that a page gives of itself as `picture`, [HEIGHT, WIDTH, 3], before black."""
+    with browser.new_context(viewport={"width": WIDTH, "height": HEIGHT}) as context:
+        page = context.new_page()
+        page.goto(address)
+        try:
+            page.wait_for_function("window.picture || window.failed", timeout=1000 * MAX_SECONDS)
+        except PageTimeout as error:
+            raise EnvironmentProblem(f"{address} drew nothing in {MAX_SECONDS} seconds.") from error
+        failed, picture = page.evaluate("[window.failed, window.picture]")
+    if failed:
+        raise EnvironmentProblem(f"{address} drew nothing: {failed}")
+    with Image.open(io.BytesIO(base64.b64decode(picture.partition(",")[2]))) as image:
+        shown = np.asarray(image.convert("RGBA"), np.float64) / 255
+    return shown[..., :3] * shown[..., 3:]
+
+
 class _Quiet(http.server.SimpleHTTPRequestHandler):
     def log_message(self, *_: object) -> None:
         pass
 
 
 @contextmanager
-def _served(files: list[Path]) -> Iterator[tuple[str, Path]]:
+def served(files: list[Path]) -> Iterator[tuple[str, Path]]:
     """Serve the viewers and `files` to this computer alone; yield the address and the folder."""
     import tempfile
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "node_modules").symlink_to(HERE / "node_modules")
-        shutil.copyfile(HERE / "babylon.html", folder / "babylon.html")
+        for page in HERE.glob("*.html"):
+            shutil.copyfile(page, folder / page.name)
         shutil.copytree(HERE / "node_modules" / "@playcanvas" / "supersplat-viewer" / "public", folder / "supersplat")
         for file in files:
             shutil.copyfile(file, folder / file.name)
@@ -227,7 +271,8 @@ def _served(files: list[Path]) -> Iterator[tuple[str, Path]]:
             server.shutdown()
 
 
-def _listed(point: Point) -> str:
+def listed(point: Point) -> str:
+    """Return a point as pages are asked for it."""
     return ",".join(f"{value:.9g}" for value in point)
 
 
@@ -240,7 +285,7 @@ def _babylon_place(point: Point, suffix: str) -> Point:
 def _babylon_address(name: str, look: tuple[Point, Point] | None, folder: Path) -> str:
     asked = {"file": name}
     if look is not None:
-        asked |= {"eye": _listed(look[0]), "target": _listed(look[1]), "fov": str(FOV)}
+        asked |= {"eye": listed(look[0]), "target": listed(look[1]), "fov": str(FOV)}
     return f"babylon.html?{urllib.parse.urlencode(asked)}"
 
 

@@ -126,6 +126,8 @@ class Format:
         Whether the format itself says which axis that is, so that a mesh is turned to it in any case.
     shows_texture : bool
         Whether its files hold the texture of a mesh.
+    ignores_alpha : bool
+        Whether it says that the alpha of a texture is not drawn, so that alpha can mark what no photo saw.
     beside : tuple of str
         Ends of the names of further files that are written beside a mesh.
     read : callable, optional
@@ -159,6 +161,7 @@ class Format:
     mesh_up: Up = "z"
     defines_up: bool = False
     shows_texture: bool = False
+    ignores_alpha: bool = False
     beside: tuple[str, ...] = ()
     read: Read | None = None
     starts: tuple[bytes, ...] = ()
@@ -291,7 +294,8 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "glb-mesh", "mesh, GLB", (".glb",), "model/gltf-binary",
         "Recommended for meshes: textured mesh of an object with the record, upright in every program",
-        write_mesh=_write_mesh_glb, mesh_up="y", defines_up=True, shows_texture=True, is_packed=True,
+        write_mesh=_write_mesh_glb, mesh_up="y", defines_up=True, shows_texture=True, ignores_alpha=True,
+        is_packed=True,
     ),
     Format(
         "obj", "mesh, OBJ", (".obj",), "model/obj",

@@ -32,11 +32,13 @@ def make_atlas(vertices: Float64, faces: Int32, side: int) -> tuple[Int32, Int32
     uv : array of shape [U, 2], float32
         Columns and rows divided by `side`, from the upper left corner.
     """
+    # xatlas places no triangles of less than 1e-7: a triangle of the mean area has 1 here.
+    unit = float(np.sqrt(areas_of(vertices, faces).mean()))
+    scaled = (vertices - vertices.mean(axis=0)) / unit
     atlas = xatlas.Atlas()
-    atlas.add_mesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.uint32))
+    atlas.add_mesh(np.ascontiguousarray(scaled, np.float32), np.ascontiguousarray(faces, np.uint32))
     charts, packing = xatlas.ChartOptions(), xatlas.PackOptions()
-    n_charts = max(_MIN_CHARTS, len(faces) / _CHART_TRIANGLES)
-    charts.max_chart_area = float(areas_of(vertices, faces).sum()) / n_charts
+    charts.max_chart_area = min(len(faces) / _MIN_CHARTS, _CHART_TRIANGLES)
     packing.padding, packing.resolution = _PADDING, side
     atlas.generate(charts, packing)
     corners, texture_faces, uv = atlas[0]

@@ -1,4 +1,4 @@
-"""docs/architecture.md and docs/where.md are true: the picture shows every package, arrows are imports, places exist."""
+"""docs/architecture.md and docs/where.md are true: the picture shows all packages, arrows are imports, places exist."""
 
 from __future__ import annotations
 

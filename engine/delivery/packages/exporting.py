@@ -278,7 +278,8 @@ def write_mesh_export(
         {**notes, "mesh": mesh_sentence(made, placed)},
         with_record=with_record and kind.carries_record,
     )
-    write_mesh(path, made.mesh, file_format, facts, encode_png(made.mesh.texture) if kind.shows_texture else b"")
+    texture = made.mesh.texture if kind.ignores_alpha else made.mesh.texture[..., :3]
+    write_mesh(path, made.mesh, file_format, facts, encode_png(texture) if kind.shows_texture else b"")
     return placed
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 import zipfile
@@ -9,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from plyfile import PlyData
 
-from engine.formats import FORMATS, Format
+from engine.formats import FORMATS, Format, format_of
 from engine.project.objects import ObjectRecord, save_object
 from engine.scene import MeasuredDistance, Measurement, save_measurement
 from tests.engine.command_line import Answer, call
@@ -54,6 +56,18 @@ def test_object_is_written_as_a_mesh_that_says_that_its_unit_is_unknown(
     assert out.is_file()
     data = out.read_bytes() if out.suffix != ".usdz" else zipfile.ZipFile(out).read("mesh.usda")
     assert b"unknown" in data
+
+
+@pytest.mark.parametrize("kind", ["glb-mesh", "obj", "usd-mesh"])
+def test_textures_have_alpha_only_where_no_program_draws_it(
+    kind: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Blender shows black where the alpha of an OBJ's or a USDZ's texture is 0."""
+    out = tmp_path / f"ball{format_of(kind).suffixes[0]}"
+    assert export(capsys, scene, kind, out).code == 0
+    data = (out.with_suffix(".png") if kind == "obj" else out).read_bytes()
+    picture = Image.open(io.BytesIO(data[data.index(b"\x89PNG") :]))
+    assert picture.mode == ("RGBA" if kind == "glb-mesh" else "RGB")
 
 
 def test_mesh_lies_where_the_gaussians_lie(
