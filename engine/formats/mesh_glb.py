@@ -95,7 +95,8 @@ def write_mesh_glb(
         "nodes": [{"name": name, "mesh": 0}],
         "meshes": [{"name": name, "primitives": primitives}],
         "materials": [
-            {"name": one, "pbrMetallicRoughness": surface, "alphaMode": "OPAQUE"}
+            # Two-sided: what no photo saw is open, and the inside of a vessel is seen through its mouth.
+            {"name": one, "pbrMetallicRoughness": surface, "alphaMode": "OPAQUE", "doubleSided": True}
             for one in (SEEN_MATERIAL, FILLED_MATERIAL)[: 2 if len(primitives) > 1 or not mesh.seen.any() else 1]
         ],
         "textures": [{"source": 0, "sampler": 0}],
