@@ -22,6 +22,8 @@ _SHOWN = ("text", "title", "confirm_text", "placeholder")
 _PARTS_OF_AN_ITEM = 5
 _TRANSLATING = {"translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1, "Format": 1}
 """Functions whose text at this position among their arguments is translated."""
+_CONSTANTS = {"_LABEL": "label", "_DESCRIPTION": "tooltip"}
+"""Ends of the names of constants that are translated where a property has them."""
 _DESCRIPTION = 4
 """Position of the description of a format."""
 
@@ -33,11 +35,16 @@ def texts_of(source: str) -> Iterator[tuple[str, str]]:
             yield from _of_class(node)
         elif isinstance(node, ast.Tuple) and len(node.elts) == _PARTS_OF_AN_ITEM:
             yield from _of_item(node)
+        elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            for ending, kind in _CONSTANTS.items():
+                if node.targets[0].id.endswith(ending):
+                    yield from _constant(kind, node.value)
         elif isinstance(node, ast.Call):
             called = node.func.id if isinstance(node.func, ast.Name) else ""
             is_offered = all(keyword.arg != "offered" for keyword in node.keywords)
             # A format without a writer is not in Blender's menus.
-            is_offered = is_offered and (called != "Format" or len(node.args) > _DESCRIPTION + 1)
+            writes = len(node.args) > _DESCRIPTION + 1 or any(keyword.arg == "write_mesh" for keyword in node.keywords)
+            is_offered = is_offered and (called != "Format" or writes)
             if called in _TRANSLATING and len(node.args) > _TRANSLATING[called] and is_offered:
                 yield from _constant("label", node.args[_TRANSLATING[called]])
                 if called == "TrainingPreset":
