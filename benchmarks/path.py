@@ -203,7 +203,8 @@ def _forecasts(run: Mapping[str, Any]) -> str:
 
 def _forecast_row(name: str, four: Sequence[float]) -> str:
     cpu, used, wall, taken = four
-    return f"| {name} | {cpu:,.1f} | {used:,.1f} | {used / cpu:.2f} | {wall:,.1f} | {taken:,.1f} | {taken / wall:.2f} |"
+    ratio = f"{taken / wall:.2f}" if wall else ""  # masks are made beside the cameras
+    return f"| {name} | {cpu:,.1f} | {used:,.1f} | {used / cpu:.2f} | {wall:,.1f} | {taken:,.1f} | {ratio} |"
 
 
 def main() -> None:
