@@ -89,9 +89,9 @@ def whole_versions(looks: Looks, numbers: Sequence[int]) -> list[int]:
     same = common > MAX_COMMON * np.minimum(sizes[chosen, None], sizes)
     found = []
     for row, number in enumerate(numbers):
-        larger = np.flatnonzero(near[row] & ~np.delete(same, row, axis=0).any(axis=0))
-        larger = np.array([k for k in larger if not _adds_an_object(looks, sets, sizes, number, int(k))], np.intp)
-        found.append(max([number, *map(int, larger)], key=lambda k: float(sizes[k])))
+        versions = map(int, np.flatnonzero(near[row] & ~np.delete(same, row, axis=0).any(axis=0)))
+        whole = [k for k in versions if not _adds_an_object(looks, sets, sizes, number, k)]
+        found.append(max([number, *whole], key=lambda k: float(sizes[k])))
     return found
 
 
