@@ -33,7 +33,7 @@ from engine.quality.bench.prepared import read_prepared, train_prepared
 from engine.quality.evaluation import evaluate_project
 from engine.quality.evaluation.results import Row, Word
 from engine.quality.evaluation.settings import EvaluationSettings, PromptKind
-from engine.rasterizer import choose_training_device
+from engine.rasterizer import choose_device
 
 from ..documents import put_into
 from .draws import CHOOSING_ROOMS
@@ -112,7 +112,7 @@ def _train(kept: Path, trained: Path, device: str, n_gaussians: int) -> dict[str
     """Train the project `trained` with the preset ``paper`` and return the figures."""
     prepared = read_prepared(kept, never_stop)
     settings = PlanSettings(preset="paper", device=device)
-    chosen = choose_training_device(device)
+    chosen = choose_device(device)
     work = plan_work(
         prepared.photo_set, prepared.statistics, settings, cameras=CameraSettings(),
         poses_given=True, points_given=True,

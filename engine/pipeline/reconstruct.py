@@ -19,7 +19,7 @@ from ..objects.settings import SegmentSettings
 from ..photos import extract_frames, is_video
 from ..photos.settings import PhotoSettings, VideoSettings
 from ..project.folder import ProjectFolder
-from ..rasterizer import Device, choose_training_device
+from ..rasterizer import Device, choose_device
 from ..scene import PhotoSet
 from ..training.settings import LIGHT_SHARE
 from .first_picture import MIN_PHOTOS, FirstPicture
@@ -198,7 +198,7 @@ class _Run:
         self._may_start_picture = settings.is_followed and forecast.picture_beside and "training" in wanted
 
     def _find_device(self) -> Device:
-        return choose_training_device(self._settings.plan.device)
+        return choose_device(self._settings.plan.device)
 
     @functools.cached_property
     def _device(self) -> Device:

@@ -1,4 +1,4 @@
-"""Choice between the graphics card and the processor, for a picture and for training, and what the user is told."""
+"""Choice between the graphics card and the processor, and what the user is told."""
 
 from __future__ import annotations
 
@@ -17,8 +17,6 @@ __all__ = [
     "PROCESSOR",
     "Device",
     "choose_device",
-    "choose_objects_device",
-    "choose_training_device",
     "describe_cards",
     "device_words",
     "fallback",
@@ -86,7 +84,7 @@ PROCESSOR = Device()
 
 
 def choose_device(wanted: DeviceName) -> Device:
-    """Return the device to render with.
+    """Return the device to render and train on. It survives a driver that crashes or hangs.
 
     Parameters
     ----------
@@ -100,56 +98,12 @@ def choose_device(wanted: DeviceName) -> Device:
     """
     if wanted == "cpu":
         return PROCESSOR
-    from .gpu import open_gpu
-
-    try:
-        gpu = open_gpu()
-    except EnvironmentProblem as problem:
-        if wanted == "gpu":
-            raise
-        return fallback(problem)
-    return Device("gpu", f"{gpu.name} ({gpu.backend})", required=wanted == "gpu")
-
-
-def choose_training_device(wanted: DeviceName) -> Device:
-    """Return the device to train on. Unlike `choose_device`, it survives a driver that crashes or hangs.
-
-    Parameters
-    ----------
-    wanted : {"auto", "cpu", "gpu"}
-        See `choose_device`.
-
-    Raises
-    ------
-    EnvironmentProblem
-        If ``gpu`` is wanted, and there is no card or it fails the self-test.
-    """
-    return _choose_safely(wanted, advice="train with --device cpu")
-
-
-def choose_objects_device(wanted: DeviceName) -> Device:
-    """Return the device to isolate objects and to write reports on. As for training, a driver may crash or hang.
-
-    Parameters
-    ----------
-    wanted : {"auto", "cpu", "gpu"}
-        See `choose_device`.
-
-    Raises
-    ------
-    EnvironmentProblem
-        If ``gpu`` is wanted, and there is no card or it fails the self-test.
-    """
-    return replace(_choose_safely(wanted, advice="use --device cpu"), required=wanted == "gpu")
-
-
-def _choose_safely(wanted: DeviceName, *, advice: str) -> Device:
-    if wanted == "cpu":
-        return PROCESSOR
     device = look_for_card()
-    if wanted == "gpu" and device.backend == "cpu":
-        raise EnvironmentProblem(f"{device.reason}; {advice}.")
-    return device
+    if wanted == "auto":
+        return device
+    if device.backend == "cpu":
+        raise EnvironmentProblem(f"{device.reason}; use --device cpu.")
+    return replace(device, required=True)
 
 
 def run_on(device: Device, compute: Callable[[Device], _Result]) -> tuple[_Result, Device]:

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Compare, print the table and write it."""
     from ...quality.evaluation import evaluate_project, markdown, write_evaluation, write_results
     from ...quality.evaluation.settings import EvaluationSettings
-    from ...rasterizer import choose_objects_device
+    from ...rasterizer import choose_device
 
     for file in (options.doc, options.results):
         if file is not None and file.is_dir():
@@ -92,7 +92,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         **model_factories(options),
         emit=emit,
         should_stop=should_stop,
-        device=choose_objects_device(options.device),
+        device=choose_device(options.device),
     )
     outputs = {}
     if options.doc is not None:

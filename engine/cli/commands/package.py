@@ -51,7 +51,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ...delivery.packages import is_viewer_built, write_package
     from ...delivery.records import EXAMPLE_ADDRESS
     from ...project.objects import list_objects, load_object
-    from ...rasterizer import Device, choose_objects_device, device_words, run_on
+    from ...rasterizer import Device, choose_device, device_words, run_on
 
     address = options.address or EXAMPLE_ADDRESS
     if not _ADDRESS.fullmatch(address):
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             raise ObjectError(f"{project.path} has no objects. Isolate one with `segment`, or add --scene.")
     if not is_viewer_built():
         emit(Warned("The packages get no page, because this installation lacks the viewer. Run `make page` first."))
-    device = choose_objects_device(options.device)
+    device = choose_device(options.device)
     written = []
     for number, name in enumerate(names):
         emit(Progress("package", number / len(names), message=f"{name or 'the scene'}"))

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write report.json and report.html."""
     from ...delivery.report import build_report
-    from ...rasterizer import Device, choose_objects_device, device_words, run_on
+    from ...rasterizer import Device, choose_device, device_words, run_on
 
     with ProjectFolder.open_existing(options.project) as project:
         project.require_intact("cameras", "training")
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         def build(device: Device) -> Path:
             return build_report(project, backend=device.backend, title=options.title)
 
-        page, device = run_on(choose_objects_device(options.device), build)
+        page, device = run_on(choose_device(options.device), build)
         if project.stage_record("report") is not None:
             # The report is an output of that stage, which would take it for damaged.
             project.record_outputs("report", [page])

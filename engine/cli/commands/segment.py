@@ -16,7 +16,7 @@ from ...project.folder import ProjectFolder
 from ...project.objects import object_ids
 from ...project.own_words import learns_words
 from ...project.refused_prompts import read_not_found
-from ...rasterizer import PROCESSOR, choose_objects_device
+from ...rasterizer import PROCESSOR, choose_device
 from .chosen_models import add_sam_argument, model_factories
 from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos
 from .scene_options import add_device_option, add_own_words_option, own_words_of
@@ -147,7 +147,7 @@ def _segmenter(
 
     return Segmenter(
         project, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop,
-        device=choose_objects_device(options.device) if renders else PROCESSOR,
+        device=choose_device(options.device) if renders else PROCESSOR,
         own_words=own_words_of(options) if learns_words(project) else None,
     )  # fmt: skip
 

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Render the pictures and write the files."""
     from ...delivery.packages import FILMS, SHEET, Turn, load_export, turn_of, write_films, write_sheet
-    from ...rasterizer import Device, choose_objects_device, device_words, run_on
+    from ...rasterizer import Device, choose_device, device_words, run_on
 
     out: Path = options.out
     if out.exists() and not out.is_dir():
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     def turn(device: Device) -> Turn:
         return turn_of(export, device.backend, should_stop)
 
-    made, device = run_on(choose_objects_device(options.device), turn)
+    made, device = run_on(choose_device(options.device), turn)
     write_sheet(out / SHEET, title, made.pictures)
     files = [out / SHEET, *write_films(out, made)]
     words = f"They were rendered on {device_words(device.name, device.reason)}."

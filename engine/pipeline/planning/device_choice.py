@@ -117,7 +117,7 @@ def choose_sizes(
             f"pixels and this scene needs {needed:,}"
         )
         if settings.device == "gpu":
-            raise EnvironmentProblem(f"{reason}; use a smaller preset or fewer photos, or train with --device cpu.")
+            raise EnvironmentProblem(f"{reason}; use a smaller preset or fewer photos, or use --device cpu.")
         return Device(reason=reason, planned=True, kept=bool(kept)), dict(kept or {})
     training, scene = on_card(sizes)
     planned = Device(

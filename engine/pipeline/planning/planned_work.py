@@ -15,7 +15,7 @@ from ...core.system import describe_machine
 from ...photos import PhotoStatistics, inspect_photos, read_photos
 from ...photos.settings import PhotoSettings
 from ...project.folder import ProjectFolder
-from ...rasterizer import Device, choose_training_device
+from ...rasterizer import Device, choose_device
 from ...scene import PhotoSet
 from .benchmark import calibrate
 from .calibration import Calibration
@@ -64,7 +64,7 @@ def plan_presets(
     criteria = photos.for_lens(cameras.model, is_given=model is not None)
     photo_set = read_photos(folder, criteria, masks=photo_masks, emit=emit, should_stop=should_stop)
     statistics = inspect_photos(photo_set, should_stop=should_stop)
-    device = choose_training_device(settings.device)
+    device = choose_device(settings.device)
     return [
         plan_and_forecast(
             photo_set, statistics, replace(settings, preset=preset), cameras=cameras, model=model, n_prompts=0,

@@ -30,7 +30,7 @@ from ...pipeline.planning import (
 )
 from ...pipeline.reconstruct import PipelineSettings
 from ...project.folder import PROJECT_FILE, ProjectFolder
-from ...rasterizer import choose_training_device
+from ...rasterizer import choose_device
 from ...scene import Gaussians
 from ...training import gaussians_so_far, latest_run, load_gaussians, measure_quality, read_progress
 from ...training.settings import PRESETS, TrainingSettings
@@ -146,7 +146,7 @@ class _ComparedScene:
         else:
             self._base = prepare(scene, out / "scene", self._pipeline, emit=emit, should_stop=should_stop)
             self._mask_record = {}
-        self._device = choose_training_device(settings.device)
+        self._device = choose_device(settings.device)
         plans = [self.plan(preset, True, out / preset) for preset in settings.presets]
         self._max_side = max(training_settings(plan).schedule.max_side for plan in plans)
         self._masked: dict[bool, tuple[PreparedScene, dict[str, Any]]] = {}

@@ -101,7 +101,7 @@ def test_without_a_card_the_end_and_the_report_say_why(computer: Computer) -> No
 
 def test_device_is_the_one_that_is_asked_for(computer: Computer) -> None:
     refused = computer.run("--device", "gpu")
-    assert refused.error == f"{REASON}; train with --device cpu."
+    assert refused.error == f"{REASON}; use --device cpu."
     computer.card, computer.looked = CARD, 0
     assert message(computer.run("--device", "cpu")).endswith("It was trained on the processor.")
     assert computer.looked == 0 and computer.backends == ["cpu"]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import sys
+from dataclasses import asdict, replace
 from types import SimpleNamespace
 
 import pytest
@@ -12,13 +13,13 @@ from engine.core.errors import EnvironmentProblem
 from engine.rasterizer.devices import (
     PROCESSOR,
     Device,
-    choose_objects_device,
-    choose_training_device,
+    choose_device,
     describe_cards,
     device_words,
     run_on,
     training_stopped,
 )
+from engine.rasterizer.gpu import adapters as wgpu_adapters
 
 CARD = Device("gpu", "Card (Vulkan)", max_buffer_bytes=2 << 30, memory=8 << 30)
 NO_CARD = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
@@ -37,18 +38,18 @@ def adapters(monkeypatch: pytest.MonkeyPatch, cards: list[str], software: list[s
 
 def test_card_that_works_is_used_without_being_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     answer(monkeypatch, CARD)
-    device = choose_training_device("auto")
+    device = choose_device("auto")
     assert (device.backend, device.name, device.reason) == ("gpu", "Card (Vulkan)", "")
-    assert choose_training_device("gpu") == device
+    assert not device.required and choose_device("gpu") == replace(device, required=True)
 
 
-def test_without_a_card_the_processor_trains_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_card_the_processor_is_used_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     answer(monkeypatch, None, NO_CARD)
-    device = choose_training_device("auto")
+    device = choose_device("auto")
     assert device == Device("cpu", "cpu", NO_CARD)
     assert device_words(device.name, device.reason) == f"the processor, because {NO_CARD}"
-    with pytest.raises(EnvironmentProblem, match=f"{NO_CARD}; train with --device cpu"):
-        choose_training_device("gpu")
+    with pytest.raises(EnvironmentProblem, match=f"{NO_CARD}; use --device cpu"):
+        choose_device("gpu")
 
 
 def test_processor_that_is_asked_for_needs_no_look_at_the_cards(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,7 +57,7 @@ def test_processor_that_is_asked_for_needs_no_look_at_the_cards(monkeypatch: pyt
         raise AssertionError("looked for a card")
 
     monkeypatch.setattr("engine.rasterizer.devices.run_in_child", fail)
-    device = choose_training_device("cpu")
+    device = choose_device("cpu")
     assert device_words(device.name, device.reason) == "the processor"
 
 
@@ -65,7 +66,7 @@ def test_driver_that_crashes_in_the_test_does_not_end_the_run(monkeypatch: pytes
         raise ChildFailure("Testing the graphics card crashed (SIGSEGV).", "crash")
 
     monkeypatch.setattr("engine.rasterizer.devices.run_in_child", crash)
-    assert choose_training_device("auto").reason == "testing the graphics card crashed (SIGSEGV)"
+    assert choose_device("auto").reason == "testing the graphics card crashed (SIGSEGV)"
 
 
 def test_software_adapter_is_named_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -94,6 +95,15 @@ def test_card_is_described_with_the_result_of_its_self_test(monkeypatch: pytest.
     assert found["backend"] == "cpu" and found["reason"] == "the graphics card Card computes a test picture wrongly"
 
 
+def test_python_without_wgpu_uses_the_processor_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Without its cache, so that the card that other tests have opened stays open.
+    monkeypatch.setattr(wgpu_adapters, "_wgpu", wgpu_adapters._wgpu.__wrapped__)
+    monkeypatch.setitem(sys.modules, "wgpu", None)
+    found = describe_cards()
+    assert found["backend"] == "cpu" and found["reason"].startswith("this Python has no wgpu for graphics cards")
+    assert "set up the engine again" in found["found"]
+
+
 def test_training_that_the_card_ends_says_how_to_continue() -> None:
     device = Device("gpu", "Card (Vulkan)")
     full = EnvironmentProblem("the memory of the graphics card Card is full; train fewer Gaussians, or use the CPU.")
@@ -105,16 +115,6 @@ def test_training_that_the_card_ends_says_how_to_continue() -> None:
     other = EnvironmentProblem("The memory of this machine is full. Close other programs.")
     assert training_stopped(device, other) is other
     assert training_stopped(Device("cpu", "cpu"), full) is full
-
-
-def test_card_for_objects_is_required_only_if_the_user_asked_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    answer(monkeypatch, CARD)
-    assert not choose_objects_device("auto").required and choose_objects_device("gpu").required
-    assert choose_objects_device("cpu") == PROCESSOR
-    answer(monkeypatch, None, NO_CARD)
-    assert choose_objects_device("auto") == Device("cpu", "cpu", NO_CARD)
-    with pytest.raises(EnvironmentProblem, match=f"{NO_CARD}; use --device cpu"):
-        choose_objects_device("gpu")
 
 
 def test_processor_replaces_a_card_that_fails_unless_the_user_asked_for_it() -> None:

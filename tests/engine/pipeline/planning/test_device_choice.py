@@ -167,7 +167,7 @@ def test_card_that_does_not_hold_the_scene_is_not_used_unless_it_is_demanded() -
     work = plan(card(256 << 20), n=200)
     assert work.device.backend == "cpu" and work.sizes == {}
     assert "beside 200 photos of 1600 x 1200 pixels and this scene needs 40,000" in work.device.reason
-    with pytest.raises(EnvironmentProblem, match="smaller preset or fewer photos, or train with --device cpu"):
+    with pytest.raises(EnvironmentProblem, match="smaller preset or fewer photos, or use --device cpu"):
         plan(card(256 << 20), n=200, wanted="gpu")
 
 
