@@ -29,11 +29,12 @@ from engine.core.events import never_stop
 from engine.objects import DetailPhotos, Views, detail_object, erode_mask
 from engine.objects.settings import BETTER
 from engine.photos import load_pixels
-from engine.pictures import Backend, Scene
+from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
 from engine.project.objects import list_objects, load_membership
 from engine.quality.evaluation import read_ground_truth, write_section
 from engine.quality.evaluation.settings import MARKS
+from engine.rasterizer.settings import Backend
 from engine.scene import Camera, Gaussians, PinholeCamera, read_camera_set
 from engine.training import load_gaussians
 

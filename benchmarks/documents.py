@@ -6,8 +6,6 @@ import re
 import sys
 from pathlib import Path
 
-__all__ = ["print_table", "put_into"]
-
 
 def put_into(document: Path, part: str, text: str) -> None:
     """Replace what stands between the marks of a part."""

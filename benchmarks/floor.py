@@ -12,8 +12,6 @@ from engine.rasterizer.jit import JIT
 from engine.rasterizer.simd import fma, load, store
 from engine.rasterizer.threads import Share, run_shared
 
-__all__ = ["arithmetic_floor_ms", "count_operations", "time_fmas_ms"]
-
 _CHAINS = 8
 """Number of independent sums, which hide the latency of an FMA."""
 

@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-__all__ = ["document"]
-
 _STAGES = (
     "projection", "colours", "depth sort", "pairs", "tile sort", "blending", "blending backward", "segment sum",
     "projection backward", "colours backward",

@@ -32,11 +32,12 @@ from engine.objects.lifting import isolate_object
 from engine.objects.settings import BETTER
 from engine.objects.views import spread_cameras
 from engine.objects.votes import MaskEvidence
-from engine.pictures import Backend, Scene
+from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
 from engine.quality.evaluation import read_ground_truth, write_section
 from engine.quality.evaluation.ground_truth import GroundTruth
 from engine.quality.evaluation.settings import MARKS
+from engine.rasterizer.settings import Backend
 from engine.scene import Gaussians, PinholeCamera
 
 from .detail import share_of_needles

@@ -10,8 +10,6 @@ import numpy as np
 from engine.meshing.drawing import draw_triangles
 from engine.scene import Mesh, PinholeCamera
 
-__all__ = ["draw_mesh", "draw_shape"]
-
 
 def draw_mesh(
     mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float] = (0.0, 0.0, 0.0), finer: int = 1

@@ -31,8 +31,6 @@ from engine.photos.settings import PhotoSettings
 
 from .documents import put_into
 
-__all__ = ["main"]
-
 _SOURCES = Path(__file__).resolve().parents[1] / "demo" / "museum_room" / "photos"
 _SIZE = (4032, 3024)
 _NOISE = 1.5

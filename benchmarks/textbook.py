@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from engine.core.arrays import Float32
 from engine.rasterizer.settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 
-__all__ = ["Ellipses", "ScalarRaster"]
-
 TILE = 16
 """Side of a tile in pixels."""
 

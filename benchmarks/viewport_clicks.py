@@ -29,8 +29,6 @@ from engine.training import load_gaussians
 
 from .security.reader import addon
 
-__all__ = ["Clicks", "click_objects", "objects_of_words"]
-
 Labels = NDArray[np.int64]
 
 _INTRODUCTION = """# Clicks in the 3D view

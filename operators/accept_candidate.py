@@ -11,8 +11,6 @@ from ..engine.workers.jobs import name_arguments
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from .segmenting import SegmentOperator
 
-__all__ = ["CLASSES"]
-
 
 @call_properties
 class HERITAGE_OT_accept_candidate(SegmentOperator):

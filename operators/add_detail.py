@@ -8,11 +8,9 @@ import bpy
 from bpy.props import BoolProperty
 
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
-from ..gaussian_heritage_addon.splats.properties import heritage_objects
+from ..gaussian_heritage_addon.splats.selection import heritage_objects
 from .project_operator import listed_object, require_stored
 from .segmenting import SegmentOperator
-
-__all__ = ["CLASSES"]
 
 
 @call_properties

@@ -6,8 +6,6 @@ import bpy
 
 from ..gaussian_heritage_addon.jobs import job_runner
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_cancel_job(bpy.types.Operator):
     """Stop the running job. Start the same import again to resume it"""

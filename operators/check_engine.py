@@ -6,8 +6,6 @@ import bpy
 
 from ..gaussian_heritage_addon.jobs import job_runner
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_check_engine(bpy.types.Operator):
     """Check that the engine's Python has everything the engine needs"""

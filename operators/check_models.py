@@ -12,8 +12,6 @@ from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.setup.model_files import problems_of
 
-__all__ = ["CLASSES"]
-
 
 @call_properties
 class HERITAGE_OT_check_models(bpy.types.Operator):

@@ -16,12 +16,10 @@ from ..gaussian_heritage_addon.jobs.click_masks import ClickMasks
 from ..gaussian_heritage_addon.jobs.click_session import CONFIRM_KEYS, ClickSession, EventResult
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.clicking import Viewport
-from ..gaussian_heritage_addon.splats.properties import active_object, set_active_object
+from ..gaussian_heritage_addon.splats.selection import active_object, set_active_object
 from .project_operator import listed_object
 from .segmenting import SegmentOperator
 from .view_tool import ViewTool, end_active_tool
-
-__all__ = ["CLASSES"]
 
 _HELP = pgettext_n(
     "Click: the object   Shift-click: not part of it   Left/Right: other photo   Backspace: remove last click   "

@@ -7,10 +7,9 @@ import bpy
 from ..engine.core.errors import ObjectError
 from ..gaussian_heritage_addon.project.placement import placement_properties
 from ..gaussian_heritage_addon.splats.native_splats import copy_as_native, is_native
-from ..gaussian_heritage_addon.splats.properties import heritage_objects, record_of
+from ..gaussian_heritage_addon.splats.properties import record_of
+from ..gaussian_heritage_addon.splats.selection import heritage_objects
 from ..gaussian_heritage_addon.splats.splats import SplatScene
-
-__all__ = ["CLASSES"]
 
 
 class HERITAGE_OT_copy_as_native(bpy.types.Operator):

@@ -7,8 +7,6 @@ import bpy
 from ..engine.project.refused_prompts import dismiss
 from ..gaussian_heritage_addon.splats.properties import project_of
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_dismiss_candidates(bpy.types.Operator):
     """Close the list of prompts that were not found"""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import bpy
 from bpy_extras.io_utils import poll_file_object_drop
 
-__all__ = ["DroppedIntoView"]
-
 
 class DroppedIntoView:
     """Base of file handlers for files that are dropped into the 3D viewport or the outliner."""

@@ -25,18 +25,10 @@ from ..gaussian_heritage_addon.project.hand_edits import (
 )
 from ..gaussian_heritage_addon.project.not_stored import store_arguments
 from ..gaussian_heritage_addon.splats.floaters import find_floaters
-from ..gaussian_heritage_addon.splats.properties import (
-    apply_blending,
-    apply_visibility,
-    heritage_objects,
-    project_of,
-    scene_count,
-    set_active_object,
-)
+from ..gaussian_heritage_addon.splats.properties import apply_blending, apply_visibility, project_of, scene_count
+from ..gaussian_heritage_addon.splats.selection import heritage_objects, set_active_object
 from ..gaussian_heritage_addon.splats.splats import SplatScene
 from .project_operator import ProjectOperator, listed_object
-
-__all__ = ["CLASSES"]
 
 
 class _ObjectOperator(ProjectOperator, bpy.types.Operator):

@@ -22,8 +22,6 @@ from ..gaussian_heritage_addon.splats.splats import SplatScene
 from .path_drawing import PathOperator
 from .project_operator import ProjectOperator, listed_object
 
-__all__ = ["CLASSES"]
-
 _NAMES = {
     ("ADD", "LASSO"): "Add by Lasso",
     ("ADD", "BOX"): "Add by Box",

@@ -29,10 +29,8 @@ from ..gaussian_heritage_addon.project.export import (
     export_together,
 )
 from ..gaussian_heritage_addon.project.mesh_export import MESH_FORMATS, mesh_exports
-from ..gaussian_heritage_addon.splats.properties import heritage_objects
+from ..gaussian_heritage_addon.splats.selection import heritage_objects
 from .project_operator import WATERTIGHT
-
-__all__ = ["CLASSES"]
 
 _MAX_NAMES = 12
 """Names of objects that are shown."""

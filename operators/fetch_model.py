@@ -13,8 +13,6 @@ from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.setup.model_files import fetch_arguments, find_model
 from ..gaussian_heritage_addon.setup.preferences import model_folder
 
-__all__ = ["CLASSES"]
-
 _DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 500, 75
 """Width of the dialog in pixels at the default interface scale, and the number of characters that fit a line."""
 

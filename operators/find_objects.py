@@ -6,8 +6,6 @@ import bpy
 
 from .segmenting import SegmentOperator, replaced_background
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_find_objects(SegmentOperator):
     """Isolate every object of the scene, with suggested names, and the background. Existing objects are kept"""

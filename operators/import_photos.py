@@ -20,8 +20,6 @@ from ..gaussian_heritage_addon.panels.preset_choice import PHOTO_SUFFIXES, draw_
 from .dropped_files import DroppedIntoView
 from .project_operator import start_job
 
-__all__ = ["CLASSES"]
-
 _DIALOG_WIDTH = 450
 _LABELLED = (
     ("prompts", pgettext_n("vase, teapot; empty: none")),

@@ -16,8 +16,6 @@ from ..gaussian_heritage_addon.project.scene_file import add_other_file
 from ..gaussian_heritage_addon.splats.render_settings import is_untouched, set_up_render
 from .dropped_files import DroppedIntoView
 
-__all__ = ["CLASSES"]
-
 _DIALOG_WIDTH = 450
 _NOT_DROPPED = (".glb", ".json")
 """Blender itself takes a dropped GLB, and most JSON files have no Gaussians."""

@@ -18,10 +18,9 @@ from ..gaussian_heritage_addon.blender.open_dialog import forget_dialog, is_draw
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.jobs import preset_times
 from ..gaussian_heritage_addon.language.translations import translated
-from ..gaussian_heritage_addon.splats.properties import heritage_objects, project_of
+from ..gaussian_heritage_addon.splats.properties import project_of
+from ..gaussian_heritage_addon.splats.selection import heritage_objects
 from .project_operator import ProjectOperator, require_stored, start_job
-
-__all__ = ["CLASSES"]
 
 _DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 460, 65
 

@@ -15,8 +15,6 @@ from ..gaussian_heritage_addon.project.visible_splats import viewport_camera
 from ..gaussian_heritage_addon.splats.properties import HeritageClick
 from .segmenting import SegmentOperator, clicks_of
 
-__all__ = ["CLASSES"]
-
 _DIALOG_WIDTH = 350
 
 

@@ -6,8 +6,6 @@ import bpy
 
 from .segmenting import SegmentOperator, replaced_background
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_isolate_background(SegmentOperator):
     """Isolate what belongs to no object as the background. An earlier background goes to the project's trash"""

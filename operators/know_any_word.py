@@ -12,8 +12,6 @@ from ..gaussian_heritage_addon.setup.preferences import model_folder
 from ..gaussian_heritage_addon.splats.properties import project_of
 from .segmenting import SegmentOperator
 
-__all__ = ["CLASSES"]
-
 _DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 500, 75
 """Width of the dialog in pixels at the default interface scale, and the number of characters that fit a line."""
 

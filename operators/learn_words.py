@@ -9,8 +9,6 @@ from ..engine.project.own_words import learns_words, set_learning
 from ..gaussian_heritage_addon.splats.properties import project_of
 from .project_operator import ProjectOperator
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_learn_words(ProjectOperator, bpy.types.Operator):
     """Objects that you name, click or accept teach their words, which this and other learning projects then find"""

@@ -10,8 +10,6 @@ from bpy.props import IntProperty
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.jobs import job_runner
 
-__all__ = ["CLASSES"]
-
 
 @call_properties
 class _ListedOperator(bpy.types.Operator):

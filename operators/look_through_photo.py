@@ -10,8 +10,6 @@ from bpy.props import IntProperty, StringProperty
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.project.cameras import look_through
 
-__all__ = ["CLASSES"]
-
 
 @blender_properties
 class HERITAGE_OT_look_through_photo(bpy.types.Operator):

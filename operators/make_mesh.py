@@ -12,8 +12,6 @@ from ..gaussian_heritage_addon.project.object_mesh import mesh_file, require_imp
 from ..gaussian_heritage_addon.splats.properties import project_of
 from .project_operator import WATERTIGHT, ProjectOperator, listed_object, start_job
 
-__all__ = ["CLASSES"]
-
 
 @call_properties
 class HERITAGE_OT_make_mesh(ProjectOperator, bpy.types.Operator):

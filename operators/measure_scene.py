@@ -23,12 +23,10 @@ from ..gaussian_heritage_addon.project.measuring import (
     scene_points,
 )
 from ..gaussian_heritage_addon.project.visible_splats import SplatsInView, sight_of_photo
-from ..gaussian_heritage_addon.splats.properties import HeritageClick, heritage_objects, project_of
+from ..gaussian_heritage_addon.splats.properties import HeritageClick, project_of
+from ..gaussian_heritage_addon.splats.selection import heritage_objects
 from .project_operator import ProjectOperator
 from .view_clicking import ViewClickOperator
-
-__all__ = ["CLASSES"]
-
 
 _N_POINTS = {"DISTANCE": 2, "RULER": 2, "NORTH": 2, "ORIGIN": 1, "GROUND": 0}
 """Points of each action; 0: three or more."""

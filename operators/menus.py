@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-__all__ = ["CLASSES", "object_menu"]
-
 
 class HERITAGE_MT_objects(bpy.types.Menu):
     """Actions on the objects of a Gaussian scene."""

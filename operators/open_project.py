@@ -20,8 +20,6 @@ from ..gaussian_heritage_addon.project.project_history import look_again
 from ..gaussian_heritage_addon.project.scene_file import open_project
 from ..gaussian_heritage_addon.splats.properties import project_of
 
-__all__ = ["CLASSES"]
-
 
 @blender_properties
 class _ProjectFolderOperator(bpy.types.Operator):

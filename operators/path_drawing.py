@@ -17,8 +17,6 @@ from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.ruler_view import MARK_COLOR
 from .view_tool import ViewTool
 
-__all__ = ["PathOperator"]
-
 _HELP = {
     "LASSO": pgettext_n("Drag around what you mean"),
     "BOX": pgettext_n("Drag from one corner of a box to the other"),

@@ -17,10 +17,8 @@ from ..gaussian_heritage_addon.project.visible_splats import (
     photo_of_point,
     sight_of_photo,
 )
-from ..gaussian_heritage_addon.splats.properties import set_active_object
+from ..gaussian_heritage_addon.splats.selection import set_active_object
 from .view_clicking import ViewClickOperator
-
-__all__ = ["CLASSES"]
 
 
 @call_properties

@@ -12,9 +12,7 @@ from ..engine.core.errors import ObjectError
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.project.moved_projects import is_missing
-from ..gaussian_heritage_addon.splats.properties import active_object
-
-__all__ = ["WATERTIGHT", "ProjectOperator", "listed_object", "require_stored", "start_job"]
+from ..gaussian_heritage_addon.splats.selection import active_object
 
 WATERTIGHT = BoolProperty(
     name="Watertight",

@@ -10,11 +10,10 @@ from bpy.props import CollectionProperty, IntProperty, StringProperty
 
 from ..engine.workers.jobs import refine_arguments
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
-from ..gaussian_heritage_addon.splats.properties import HeritageClick, active_object, heritage_objects
+from ..gaussian_heritage_addon.splats.properties import HeritageClick
+from ..gaussian_heritage_addon.splats.selection import active_object, heritage_objects
 from .project_operator import listed_object, require_stored
 from .segmenting import SegmentOperator, clicks_of
-
-__all__ = ["CLASSES"]
 
 
 @call_properties

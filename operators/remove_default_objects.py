@@ -6,8 +6,6 @@ import bpy
 
 from ..gaussian_heritage_addon.blender.default_objects import untouched_defaults
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_remove_default_objects(bpy.types.Operator):
     """Delete the cube and the light that every new Blender file has; only as long as nobody changed them"""

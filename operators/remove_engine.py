@@ -10,8 +10,6 @@ from ..gaussian_heritage_addon.blender.folder_size import folder_bytes
 from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.setup.installation import installed_engine, remove_command
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_remove_engine(bpy.types.Operator):
     """Delete the engine's packages. Projects and model files are kept"""

@@ -6,8 +6,6 @@ import bpy
 
 from ..gaussian_heritage_addon.splats.render_settings import restore_settings, set_up_render
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_set_up_render(bpy.types.Operator):
     """Set Cycles, transparent bounces, samples, pixel filter and view transform of this scene to what splats need"""

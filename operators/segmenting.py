@@ -6,10 +6,9 @@ import bpy
 
 from ..engine.workers.jobs import Click
 from ..gaussian_heritage_addon.setup.preferences import sam_arguments
-from ..gaussian_heritage_addon.splats.properties import heritage_objects, project_of
+from ..gaussian_heritage_addon.splats.properties import project_of
+from ..gaussian_heritage_addon.splats.selection import heritage_objects
 from .project_operator import ProjectOperator, start_job
-
-__all__ = ["SegmentOperator", "clicks_of", "replaced_background"]
 
 
 class SegmentOperator(ProjectOperator, bpy.types.Operator):

@@ -10,9 +10,7 @@ from bpy.props import StringProperty
 from ..engine.core.errors import ObjectError
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
 from ..gaussian_heritage_addon.project.new_objects import show_new_objects
-from ..gaussian_heritage_addon.splats.properties import heritage_objects
-
-__all__ = ["CLASSES"]
+from ..gaussian_heritage_addon.splats.selection import heritage_objects
 
 
 @call_properties

@@ -19,8 +19,6 @@ from ..gaussian_heritage_addon.project.visible_splats import sight_of_viewport
 from ..gaussian_heritage_addon.splats.view_selection import hides_splats, object_seen, objects_within, selectable_splats
 from .path_drawing import PathOperator
 
-__all__ = ["CLASSES"]
-
 
 @call_properties
 class HERITAGE_OT_select_splats(bpy.types.Operator):

@@ -11,8 +11,6 @@ from ..gaussian_heritage_addon.jobs import job_runner
 from ..gaussian_heritage_addon.setup.installation import describe, install_command
 from ..gaussian_heritage_addon.setup.preferences import set_up_options
 
-__all__ = ["CLASSES"]
-
 _DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 560, 85
 """Width of the dialog in pixels at the default interface scale, and the number of characters that fit a line."""
 

@@ -11,8 +11,6 @@ import bpy
 
 from ..gaussian_heritage_addon.blender.guards import Timer, add_load_handler, remove_handler
 
-__all__ = ["SHORTCUTS", "register", "unregister"]
-
 SHORTCUTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("S", "heritage.pick_object", {"action": "SELECT"}),
     ("I", "heritage.pick_object", {"action": "ISOLATE"}),

@@ -12,8 +12,6 @@ from ..engine.project.content import is_project, report_file
 from ..gaussian_heritage_addon.language.translations import translated
 from ..gaussian_heritage_addon.splats.properties import project_of
 
-__all__ = ["CLASSES"]
-
 
 class HERITAGE_OT_show_folder(bpy.types.Operator):
     """Show the folder of the project in the system's file browser"""

@@ -5,11 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..gaussian_heritage_addon.splats.object_meshes import hide_meshes
-from ..gaussian_heritage_addon.splats.properties import apply_visibility, heritage_objects
-from ..gaussian_heritage_addon.splats.selection import view_layer_of
+from ..gaussian_heritage_addon.splats.properties import apply_visibility
+from ..gaussian_heritage_addon.splats.selection import heritage_objects, view_layer_of
 from .project_operator import listed_object
-
-__all__ = ["CLASSES"]
 
 
 class HERITAGE_OT_solo_object(bpy.types.Operator):

@@ -16,9 +16,6 @@ from ..gaussian_heritage_addon.project.visible_splats import sight_of_viewport
 from .project_operator import ProjectOperator
 from .view_tool import ViewTool
 
-__all__ = ["ViewClickOperator"]
-
-
 _MARK_SIZE = 24
 
 

@@ -12,8 +12,6 @@ from ..engine.core.errors import ObjectError
 from ..gaussian_heritage_addon.blender.guards import add_draw_handler, remove_draw_handler
 from ..gaussian_heritage_addon.language.translations import translated
 
-__all__ = ["ViewTool", "end_active_tool"]
-
 _HEADER = pgettext_n("{}: {}   Esc: leave")
 _MOVES = frozenset(("MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER", "TIMER_REPORT", "TIMER_REGION", "WINDOW_DEACTIVATE"))
 """Types of events after which the header of the view is as it was."""

@@ -17,8 +17,6 @@ from pathlib import Path
 
 from places import PACKAGES, ROOT, program_of, python_of
 
-__all__ = ["check_imports", "check_script_types", "check_types", "copy_code", "link_repository"]
-
 _CODE = (*PACKAGES, "__init__.py")
 
 

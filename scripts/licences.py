@@ -29,8 +29,6 @@ from container.sbom import LICENCE_FILE, page_packages  # noqa: E402 it imports 
 from engine.install.environment import locked_file  # noqa: E402 it imports the standard library alone
 from engine.install.models import CATALOGUE  # noqa: E402 as above
 
-__all__ = ["GROUPS", "LICENCES", "document", "licences_of_page", "locked_packages"]
-
 LICENCES = ROOT / "requirements" / "licences.json"
 DOCUMENT = ROOT / "docs" / "licences.md"
 PAGE_LICENCES = ROOT / "engine" / "serve" / "page" / "dist" / "licences.txt"

@@ -24,8 +24,6 @@ from pathlib import Path
 
 from places import BLENDERS, ROOT
 
-__all__ = ["main"]
-
 REQUIREMENTS = ROOT / "requirements"
 ENGINE = ROOT / "engine" / "install" / "environment"
 INDEX_VARIABLES = ("UV_DEFAULT_INDEX", "UV_INDEX", "UV_INDEX_URL", "UV_EXTRA_INDEX_URL", "UV_FIND_LINKS")

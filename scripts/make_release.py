@@ -30,8 +30,6 @@ from engine import __version__  # noqa: E402 as above
 from engine.core.files import file_sha256  # noqa: E402 as above
 from engine.core.system import SYSTEMS  # noqa: E402 as above
 
-__all__ = ["CHECKSUMS", "checksums", "container_recipe", "extension_repository", "main", "sbom"]
-
 NAME = f"gaussian_heritage-{__version__}"
 CHECKSUMS = "SHA256SUMS"
 RECIPE = ("Containerfile", "compose.yaml", "compose.gpu.yaml", ".containerignore")

@@ -9,8 +9,6 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["BLENDERS", "PACKAGES", "ROOT", "blender_environments", "environment_folder", "program_of", "python_of"]
-
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 from engine.core.system import program_in, python_in  # noqa: E402 it imports the standard library alone

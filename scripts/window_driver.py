@@ -9,8 +9,6 @@ from pathlib import Path
 
 from places import ROOT
 
-__all__ = ["PACKAGE", "SCREEN_HEIGHT", "Failed", "Window"]
-
 PACKAGE = "bl_ext.user_default.gaussian_heritage"
 SCREEN_HEIGHT = 1000
 _SCRIPT = ROOT / "scripts" / "window" / "window.sh"

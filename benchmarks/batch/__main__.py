@@ -15,8 +15,6 @@ from engine.core.system import describe_machine
 from ..documents import put_into
 from .runs import ROOT
 
-__all__ = ["main"]
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure one part, and write its table between its two marks in the document."""

@@ -16,8 +16,6 @@ from pathlib import Path
 from .photo_folders import same_scenes, write_folders
 from .runs import ROOT, Cluster, batch_command, read_summary
 
-__all__ = ["kills_table"]
-
 _N_WORKERS = 2
 _PAUSE = (1.0, 7.0)
 """Seconds between two kills: some fall into the start of the engine, most into a stage."""

@@ -8,8 +8,6 @@ from PIL import Image
 
 from benchmarks.security.kills_checks import scene_of
 
-__all__ = ["same_scenes", "write_folders"]
-
 _ROOM = Path(__file__).resolve().parents[2] / "demo" / "museum_room" / "photos"
 _N_VIEWS = 48
 _SIZE = (384, 288)

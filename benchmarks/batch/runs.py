@@ -16,8 +16,6 @@ from typing import Any
 
 from distributed import Client
 
-__all__ = ["ROOT", "Cluster", "batch_command", "cpu_of", "finished_batch", "read_summary"]
-
 ROOT = Path(__file__).resolve().parents[2]
 _TICKS = os.sysconf("SC_CLK_TCK")
 

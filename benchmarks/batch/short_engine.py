@@ -9,8 +9,6 @@ from engine.workers.jobs import engine_run
 
 from ..security.kills_engine import shorten_stages
 
-__all__ = ["dask_setup"]
-
 
 def dask_setup(worker: object) -> None:
     """Let this worker's engines have short stages; Dask calls it."""

@@ -25,8 +25,6 @@ from engine.pipeline.planning.calibration import REFERENCE, Calibration
 from engine.pipeline.planning.decisions import PlanSettings, WorkPlan, plan_work, training_settings
 from engine.pipeline.planning.forecast import StageForecast, forecast_work
 
-__all__ = ["simulation_table"]
-
 _CORES = 8
 """Cores of a machine in the simulation."""
 _PHOTOS = (20, 40, 80, 120)

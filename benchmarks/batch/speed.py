@@ -8,8 +8,6 @@ from pathlib import Path
 from .photo_folders import write_folders
 from .runs import Finished, finished_batch
 
-__all__ = ["speed_table"]
-
 _WAYS = {
     "two workers of one core": ("--workers=2", "--threads=1"),
     "one worker of one core": ("--workers=1", "--threads=1"),

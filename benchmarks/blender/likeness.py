@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from engine.scene import Camera, focal_and_center, read_camera_set
 
-__all__ = ["engine_picture", "pinhole", "psnr"]
-
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -23,8 +23,6 @@ from engine.quality.evaluation import write_section
 from .likeness import engine_picture, psnr
 from .processes import blender_environments, run_inside
 
-__all__ = ["TITLE", "section"]
-
 TITLE = "Objects in Cycles"
 PLACES = ("shown", "appended", "linked")
 _SIDE = 480

@@ -16,8 +16,6 @@ from .processes import ROOT, python_of
 # In the folder that `processes` has made known.
 from window_driver import Window  # isort: skip
 
-__all__ = ["BlenderWindow"]
-
 
 class BlenderWindow:
     """A Blender window with the add-on, and the functions of `in_window`."""

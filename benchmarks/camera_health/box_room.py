@@ -11,8 +11,6 @@ from PIL import Image
 
 from engine.core.arrays import Float64
 
-__all__ = ["BoxRoom", "Projection", "looking_along", "rays"]
-
 Projection = Literal["pinhole", "fisheye", "panorama"]
 
 _SIZE = (7.0, 5.0, 3.0)

@@ -33,8 +33,6 @@ from .sources import (
     zoomed,
 )
 
-__all__ = ["Kind", "PhotoCase", "photo_cases"]
-
 Write = Callable[[Path], Path | None]
 Kind = Literal["sound", "zoom", "swapped", "mirrored", "duplicated", "other"]
 

@@ -21,9 +21,6 @@ from engine.scene import CameraSet
 
 from .cases import Kind, PhotoCase
 
-__all__ = ["Outcome", "distances_when_aligned", "is_stored", "run_case"]
-
-
 _OUTCOME = "outcome.json"
 _RIGHT = 0.03
 """Median error of the positions, in the radius of the true ones, up to which a model is right."""

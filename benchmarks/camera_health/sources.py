@@ -21,27 +21,6 @@ from engine.photos import read_photos
 
 from .box_room import BoxRoom, Projection, looking_along, rays
 
-__all__ = [
-    "QUICK",
-    "REAL",
-    "Change",
-    "as_it_is",
-    "box_positions",
-    "boxes",
-    "changed",
-    "cropped",
-    "doubled",
-    "given",
-    "given_by_estimate",
-    "mirrored",
-    "original_files",
-    "positions",
-    "stretched",
-    "swapped",
-    "together",
-    "zoomed",
-]
-
 Pictures = Sequence[tuple[str, Image.Image]]
 
 _ROOT = Path(__file__).parents[2]

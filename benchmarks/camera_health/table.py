@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 from .running import Outcome
 
-__all__ = ["table"]
-
 _KINDS = {
     "sound": "sound",
     "zoom": "wrong zoom",

@@ -32,8 +32,6 @@ sys.path.insert(0, str(HERE.parents[1] / "scripts"))
 
 from places import blender_environments, python_of  # noqa: E402
 
-__all__ = ["MeshFiles", "check_rows", "drawn_rows", "exported_meshes", "shown_in_model_viewer"]
-
 _FOV = 35.0
 """Vertical field of view in degrees."""
 _DISTANCE = 1.9

@@ -9,8 +9,6 @@ import numpy as np
 
 from engine.scene import Gaussians
 
-__all__ = ["gsply_reads", "gsply_writes", "plyfile_reads", "plyfile_writes", "plyfile_writes_table"]
-
 _REST = tuple(f"f_rest_{i}" for i in range(45))
 _COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")

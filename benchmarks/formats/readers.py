@@ -31,8 +31,6 @@ from engine.formats import (
 from engine.pictures import decode_picture, encode_picture
 from engine.scene import Gaussians, rotations_from_quats
 
-__all__ = ["NODE_MODULES", "reader_rows", "require_node_modules", "splat_transform"]
-
 HERE = Path(__file__).resolve().parent
 NODE_MODULES = HERE / "node_modules"
 PROGRAM = NODE_MODULES / "@playcanvas" / "splat-transform" / "bin" / "cli.mjs"

@@ -18,17 +18,6 @@ from engine.scene import Gaussians
 
 from .ply_programs import gsply_reads, gsply_writes, plyfile_reads, plyfile_writes, plyfile_writes_table
 
-__all__ = [
-    "COUNT",
-    "N_MEMORY",
-    "N_ROUNDS",
-    "bytes_of",
-    "memory_rows",
-    "random_gaussians",
-    "rotation_error",
-    "speed_rows",
-]
-
 COUNT = 1_000_000
 N_ROUNDS = 5
 N_MEMORY = 2_000_000

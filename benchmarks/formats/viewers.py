@@ -27,23 +27,6 @@ from engine.formats import read_glb, read_ply
 from engine.pictures import Scene
 from engine.scene import PinholeCamera, read_camera_set
 
-__all__ = [
-    "HEIGHT",
-    "WIDTH",
-    "Framed",
-    "Point",
-    "Shown",
-    "camera_at",
-    "chromium",
-    "framed_by_viewers",
-    "keep_pictures",
-    "listed",
-    "own_picture",
-    "psnr",
-    "served",
-    "shown_in_viewers",
-]
-
 HERE = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 640, 480
 FOV = 50.0

@@ -16,8 +16,6 @@ from pathlib import Path
 from ..documents import put_into
 from .cases import REPORTED, RIGHT, WRONG, Outcome, run_case
 
-__all__ = ["main", "table_of"]
-
 _WIDTH = 140
 """Longest line of the document, in characters."""
 

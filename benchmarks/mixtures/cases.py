@@ -20,8 +20,6 @@ from engine.scene import Camera, CameraSet, PhotoSet
 from .folders import Mixture, Shot, draw_folder
 from .models import draw_model
 
-__all__ = ["REPORTED", "RIGHT", "WRONG", "Outcome", "run_case"]
-
 RIGHT, REPORTED, WRONG = "right", "reported", "silently wrong"
 _QUICK = CameraSettings(max_side=320, max_features=1000, first_octave=-1)
 _MAX_ERROR = 12.0  # of 255 levels: losses of JPEG and HEIC; another photo or a wrong rotation has 25 and more

@@ -15,8 +15,6 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-__all__ = ["Mixture", "Shot", "draw_folder"]
-
 _ROOM = Path(__file__).resolve().parents[2] / "demo" / "museum_room"
 WIDTH, HEIGHT = 320, 240
 _ORIENTATION = 0x0112

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from .folders import Mixture, Shot
 
-__all__ = ["draw_model"]
-
 _TURNS = {1: ((1, 0), (0, 1)), 3: ((-1, 0), (0, -1)), 6: ((0, -1), (1, 0)), 8: ((0, 1), (-1, 0))}
 """Directions in the upright picture from directions in the stored one, by EXIF orientation."""
 

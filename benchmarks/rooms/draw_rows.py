@@ -14,8 +14,6 @@ from engine.quality.evaluation.results import FOUND_IOU, WHOLE_IOU
 from .draws import Draw
 from .results import read_result
 
-__all__ = ["DrawRow", "read_rows", "row_of", "write_rows"]
-
 ROWS_FILE = Path("benchmarks/rooms/draw_rows.json")
 """Relative to the repository."""
 _METHOD, _PAPER = "better", "paper"

@@ -14,20 +14,6 @@ from engine.core.files import atomic_write, parse_json, read_json
 
 from .repository import Repository
 
-__all__ = [
-    "CHOOSING_ROOMS",
-    "DRAWS_FILE",
-    "N_TEST_ROOMS",
-    "Draw",
-    "Room",
-    "append_draw",
-    "draw_now",
-    "read_draws",
-    "rewritten_draw",
-    "rooms_of",
-    "test_seeds",
-]
-
 DRAWS_FILE = Path("benchmarks/rooms/draws.json")
 """Relative to the repository."""
 FROZEN = ("engine", "demo", "benchmarks/rooms")

@@ -30,8 +30,6 @@ from engine.training import FEATURES_FILE, SCENE_FILE, load_gaussians, save_gaus
 from .draws import KEPT_ROOMS, Room
 from .results import SHORT
 
-__all__ = ["KEPT_FOLDER", "pack_room", "rounded", "rounded_gaussians", "unpack_room"]
-
 KEPT_FOLDER = Path(KEPT_ROOMS)
 """Relative to the repository."""
 

@@ -20,8 +20,6 @@ from engine.quality.evaluation.settings import EvaluationSettings, PromptKind
 
 from .results import METHODS, VERSION
 
-__all__ = ["measure_project"]
-
 _STAGES = ("photos", "cameras", "masks", "training")
 _KINDS: tuple[PromptKind, ...] = ("mask", "text", "all")
 _TEST_PHOTOS = "test photos"

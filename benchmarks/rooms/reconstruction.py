@@ -10,8 +10,6 @@ from engine.pipeline.planning import plan_work, training_settings
 from engine.pipeline.reconstruct import PipelineSettings
 from engine.quality.bench.prepared import prepare, prepare_masks, train_prepared
 
-__all__ = ["reconstruct_room"]
-
 
 def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should_stop: StopCheck) -> None:
     """Reconstruct a room with the method of this working tree; a killed run is continued.

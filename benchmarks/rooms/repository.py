@@ -9,8 +9,6 @@ from pathlib import Path
 
 from engine.core.errors import EnvironmentProblem, ProjectError
 
-__all__ = ["Repository"]
-
 
 class Repository:
     """A git repository.

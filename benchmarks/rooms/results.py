@@ -14,18 +14,6 @@ from engine.quality.evaluation.results import FOUND_IOU, WHOLE_IOU
 
 from .draws import RESULTS
 
-__all__ = [
-    "METHODS",
-    "SHORT",
-    "VERSION",
-    "Figures",
-    "figures_of",
-    "read_measured",
-    "read_result",
-    "result_file",
-    "write_result",
-]
-
 METHODS = ("paper", "released", "better")
 """Presets of `engine.objects.settings` that are measured."""
 SHORT = 12

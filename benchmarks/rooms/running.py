@@ -24,8 +24,6 @@ from .draws import Room
 from .repository import Repository
 from .results import SHORT, read_measured, read_result, write_result
 
-__all__ = ["Call", "MeasuringRun", "is_rendered", "run_command"]
-
 _STOP_SECONDS = 30
 """How long a command may take to end after it was told to."""
 _LOG_TAIL = 4000

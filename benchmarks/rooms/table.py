@@ -15,8 +15,6 @@ from .draw_rows import DrawRow, read_rows, write_rows
 from .draws import CHOOSING_ROOMS, SHORT_COMMIT, Draw, Room
 from .results import METHODS, Figures, figures_of, read_result
 
-__all__ = ["draws_section", "rooms_section", "write_tables"]
-
 _ROOMS_TITLE, _DRAWS_TITLE = "Random rooms", "Random rooms: every draw"
 
 _CHOOSING, _TEST = "choosing (*in sample*)", "test (*test*)"

@@ -19,8 +19,6 @@ from .measuring import measure_global, measure_incremental
 from .sets import set_of
 from .table import scale_table
 
-__all__ = ["main"]
-
 _SETS = "building_25,building_50,museum_room,building_150,building_300"
 _MAPPERS = {"incremental": measure_incremental, "global": measure_global}
 

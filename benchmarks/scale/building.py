@@ -19,8 +19,6 @@ from engine.core.arrays import Float32, Float64
 
 from ..camera_health.box_room import looking_along, rays
 
-__all__ = ["FOCAL", "HEIGHT", "PHOTOS_PER_ROOM", "WIDTH", "Building"]
-
 WIDTH, HEIGHT, FOCAL = 480, 360, 255.0
 PHOTOS_PER_ROOM = 12
 """Eight across the room, three on the way to the next one, one through the opening to the next row."""

@@ -23,8 +23,6 @@ from engine.core.system import PeakMemory, cpu_seconds
 from ..camera_health.running import distances_when_aligned
 from .sets import SizedSet
 
-__all__ = ["STEPS", "measure_global", "measure_incremental"]
-
 STEPS = ("features", "pairs", "matching", "mapping", "checking")
 _STEP_OF = {
     "copying the photos": "features",

@@ -19,8 +19,6 @@ from engine.scene import PhotoSet
 
 from .building import Building
 
-__all__ = ["SizedSet", "set_of"]
-
 _SEED = 0
 _MUSEUM = Path(__file__).resolve().parents[2] / "demo" / "museum_room"
 _PHOTOS_PER_TASK = 12

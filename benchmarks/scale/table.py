@@ -8,8 +8,6 @@ from typing import Any
 
 from .measuring import STEPS
 
-__all__ = ["scale_table"]
-
 _NOTE = """\
 Made by `python -m benchmarks.scale --doc docs/run_time.md` (`make bench-scale`). `building_N`: the first N photos of a
 walk through a generated building, 480 x 360 pixels, with exact truth. Seconds are wall time, in brackets CPU time.

@@ -29,8 +29,6 @@ from .fuzz_worker import MAX_SECONDS, Measured, serve
 from .reader import ROOT, Reader
 from .readers import READERS
 
-__all__ = ["main"]
-
 CORPUS = ROOT / "tests" / "fixtures" / "damaged"
 _MAX_WALL_SECONDS = 150.0
 """An input that takes longer without using the processor hangs."""

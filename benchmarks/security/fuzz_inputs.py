@@ -14,8 +14,6 @@ from pathlib import Path
 from .mutations import enlarged, mutated
 from .reader import Reader
 
-__all__ = ["Outcome", "Workplace", "corpus", "keep", "outcome_of", "quick_numbers"]
-
 _STATES = ("missing", "empty", "folder", "dangling", "loop", "pipe", "unreadable")
 """What a file may be instead of damaged; the first inputs of each reader."""
 _LARGE_TURNS = frozenset({len(_STATES), 100, 300, 700, 1500})

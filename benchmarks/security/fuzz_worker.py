@@ -22,8 +22,6 @@ from .fuzz_inputs import Workplace, outcome_of
 from .reader import Reader
 from .readers import READERS
 
-__all__ = ["MAX_SECONDS", "Measured", "serve"]
-
 MAX_SECONDS = 10.0
 """CPU time that a reader may take for an input."""
 MAX_BYTES = 256 << 20

@@ -29,8 +29,6 @@ from .hostile_cases import HONEST, Case, Sandbox
 from .hostile_engine import ALL_CASES, ALLOWED, COMMANDS, Outcome
 from .kills_process import ROOT
 
-__all__ = ["main"]
-
 _SECONDS = 3600
 _MARK = "OUTCOME "
 """Begins the lines of Blender's output that are ours."""

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["BLENDS", "splat_objects"]
-
 Change = Callable[[Any, Path], None]
 """Changes the open file of the module ``bpy``; the path is the folder of the curator's own files."""
 

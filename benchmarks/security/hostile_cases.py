@@ -16,8 +16,6 @@ from PIL import Image
 
 from tests.engine.finished_project import N_GAUSSIANS, write_finished_project
 
-__all__ = ["CASES", "HONEST", "Case", "Sandbox"]
-
 PHOTO = "view_08.jpg"
 
 

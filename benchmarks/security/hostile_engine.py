@@ -21,8 +21,6 @@ from .hostile_packages import PACKAGES, package_of
 from .kills_engine import shorten_stages
 from .tree import changed_bytes, differences, snapshot
 
-__all__ = ["ALLOWED", "ALL_CASES", "COMMANDS", "Outcome", "main", "run_case"]
-
 ALL_CASES = (*CASES, *PACKAGES)
 
 ALLOWED = "GAUSSIAN_HERITAGE_HOSTILE_ALLOWED"

@@ -12,8 +12,6 @@ from pathlib import Path
 
 from .hostile_cases import Case, Sandbox
 
-__all__ = ["PACKAGES", "package_of"]
-
 _FILES = {"data/vase.ply": b"ply\n" * 20, "data/records/lido.xml": b"<lido/>\n"}
 _BAGIT = b"BagIt-Version: 1.0\nTag-File-Character-Encoding: UTF-8\n"
 _NOTES = "../../precious/notes.txt"

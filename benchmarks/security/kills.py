@@ -28,8 +28,6 @@ from .kills_engine import shorten_stages
 from .kills_fixture import KINDS, Fixture, Kind
 from .kills_trial import MAX_STOP_SECONDS, Trial
 
-__all__ = ["main"]
-
 _ALL = 200
 Item = TypeVar("Item")
 

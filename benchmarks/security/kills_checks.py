@@ -26,15 +26,6 @@ from engine.project.objects import list_objects, load_membership, load_record
 from engine.scene import load_detailed, read_camera_set
 from engine.training import load_gaussians
 
-__all__ = [
-    "damaged_files",
-    "files_of",
-    "leftovers",
-    "objects_of",
-    "opened_copy",
-    "scene_of",
-]
-
 _MAX_BYTES = 1 << 30
 _ADVICE = "It was damaged by a kill."
 

@@ -23,8 +23,6 @@ with signals_held_back():
     from engine.pipeline.reconstruct import PipelineSettings
     from engine.training.settings import PRESETS
 
-__all__ = ["PRESET", "pipeline_settings", "shorten_stages"]
-
 PRESET = "test"
 _COMMAND: Any = command
 

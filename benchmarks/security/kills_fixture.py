@@ -18,8 +18,6 @@ from .kills_checks import objects_of, scene_of
 from .kills_engine import PRESET, pipeline_settings
 from .kills_process import ROOT, EngineRun
 
-__all__ = ["KINDS", "Fixture", "Kind", "Reference"]
-
 _VIEWS = range(4, 12)
 """Neighbouring photos of the museum room, which COLMAP places."""
 _SIZE = (384, 288)

@@ -17,8 +17,6 @@ from typing import Any
 
 from engine.core.files import TEMPORARY_PREFIX
 
-__all__ = ["ROOT", "EngineRun", "wait_for_write"]
-
 ROOT = Path(__file__).resolve().parents[2]
 _MARK = "GAUSSIAN_HERITAGE_KILLS_MARK"
 _PATIENCE = 600.0

@@ -15,8 +15,6 @@ from .kills_checks import damaged_files, files_of, leftovers, objects_of, opened
 from .kills_fixture import Fixture, Kind, Reference
 from .kills_process import EngineRun, wait_for_write
 
-__all__ = ["MAX_STOP_SECONDS", "Trial"]
-
 MAX_STOP_SECONDS = 30.0
 """Longest time from SIGTERM to the end of the process that is accepted."""
 _AT_WRITE_SHARE = 0.25

@@ -19,8 +19,6 @@ from .mutations_binary import GLB, ONNX, PLY, TAR, document_of, large_ply, with_
 from .mutations_json import JSON
 from .mutations_pictures import HEIC, JPEG, PNG, TIFF, WEBP, large_picture, png_bomb
 
-__all__ = ["KINDS", "Mutator", "enlarged", "mutated"]
-
 Mutator = Callable[[bytes, random.Random], bytes]
 
 _MAX_BYTES = 10_000_000

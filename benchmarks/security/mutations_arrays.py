@@ -14,8 +14,6 @@ import numpy as np
 
 from .mutations_json import JSON
 
-__all__ = ["ARRAYS", "ZIP", "bomb", "long_array", "members_of", "zipped"]
-
 _TYPES = ("<f4", ">f4", "<f8", "<f2", "|b1", "|u1", "<i4", "<i8", "<u8", "<U3", "|S4", "<c8", "<M8[s]", "<i2", "|V4")
 _DESCRIPTIONS = (
     *(f"'{name}'" for name in _TYPES), "'|O'", "'<U1000000000'", "'|V99999999999'", "'<f16'", "'x'", "''", "'f4, f4'",

@@ -9,8 +9,6 @@ import struct
 
 from .mutations_json import JSON
 
-__all__ = ["GLB", "ONNX", "PLY", "TAR", "document_of", "large_ply", "with_document"]
-
 _TYPES = (b"float", b"double", b"uchar", b"int", b"short", b"list uchar int", b"half", b"float64", b"", b"list")
 _LINES = (
     b"element vertex 1000000000000", b"element vertex -1", b"element vertex 0", b"element vertex 1.5",

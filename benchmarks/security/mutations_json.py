@@ -7,8 +7,6 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-__all__ = ["JSON"]
-
 _MARK = "@@raw@@"
 _RAW = (
     "NaN", "Infinity", "-Infinity", "1e999", "-1e999", "1e308", "-1e308", "1e-320", "0", "-0.0", "-1", "1", "2", "0.5",

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-__all__ = ["ROOT", "Reader", "addon"]
-
 ROOT = Path(__file__).resolve().parents[2]
 _PACKAGE = "gaussian_heritage_without_blender"
 

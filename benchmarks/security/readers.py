@@ -14,6 +14,4 @@ from .readers_project import PROJECT
 from .readers_scene import SCENE
 from .readers_serve import SERVE
 
-__all__ = ["READERS", "Reader"]
-
 READERS: tuple[Reader, ...] = (*PROJECT, *SERVE, *SCENE, *PHOTOS, *MODELS, *PACKAGES, *INSTALLATION)

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from .reader import Reader
 
-__all__ = ["INSTALLATION"]
-
 _WHEEL = b"a wheel" * 20
 
 

@@ -17,8 +17,6 @@ import numpy as np
 
 from .reader import Reader, addon
 
-__all__ = ["MODELS"]
-
 _CONTENT = b"weights" * 10
 _MEMBER = "package/model.onnx"
 

@@ -9,8 +9,6 @@ from pathlib import Path
 from .reader import Reader
 from .readers_project import write_object, write_project
 
-__all__ = ["PACKAGES"]
-
 _CONTENT = {"data/vase.ply": b"ply\n" * 20, "data/records/lido.xml": b"<lido/>\n"}
 
 

@@ -12,8 +12,6 @@ import numpy as np
 
 from .reader import Reader, addon
 
-__all__ = ["PHOTOS"]
-
 _SIDE = 32
 _EXIF = {0x829A: (1, 100), 0x829D: (28, 10), 0x8827: 100, 0x920A: (50, 1), 0xA405: 50, 0xA002: _SIDE, 0xA003: _SIDE}
 

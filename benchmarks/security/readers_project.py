@@ -18,8 +18,6 @@ from tests.engine.finished_project import write_finished_project
 
 from .reader import Reader, addon
 
-__all__ = ["PROJECT", "write_object", "write_project"]
-
 _FIGURES: dict[str, Any] = {
     "photos": {"n_photos": 2, "rejected": []},
     "training": {

@@ -20,8 +20,6 @@ from .readers_project import write_object
 if TYPE_CHECKING:
     from engine.scene import Camera, Gaussians, PhotoSet
 
-__all__ = ["SCENE"]
-
 FORMATS = Path(__file__).resolve().parents[2] / "tests" / "fixtures" / "formats"
 _N = 3
 

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from .reader import Reader
 
-__all__ = ["SERVE"]
-
 _USER = "ada"
 _PROJECT = "0123456789ab"
 _UPLOAD = "0123456789abcdef" * 2

@@ -8,8 +8,6 @@ import stat
 from collections.abc import Collection
 from pathlib import Path
 
-__all__ = ["changed_bytes", "differences", "snapshot"]
-
 Snapshot = dict[str, tuple[object, ...]]
 
 

@@ -21,8 +21,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-__all__ = ["measure_breaking", "measure_silence"]
-
 N_CLIENTS, N_UPLOADS, N_SILENT = 40, 1000, 2000
 BREAKS = 0.5
 """Share of the parts that break off."""

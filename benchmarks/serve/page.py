@@ -26,8 +26,6 @@ from engine.scene import Camera, focal_and_center, read_camera_set
 
 from .server import ROOT, Row
 
-__all__ = ["WEBGL", "engine_picture", "page_rows", "read_picture", "serving", "started_server"]
-
 PAGE = ROOT / "engine" / "serve" / "page" / "dist"
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 SIZE = {"width": 1280, "height": 900}

@@ -19,8 +19,6 @@ import numpy as np
 
 from .breaking import measure_breaking, measure_silence
 
-__all__ = ["Row", "server_rows"]
-
 Row = tuple[str, str, str]
 """What was measured, the figure, and the goal."""
 ROOT = Path(__file__).resolve().parents[2]

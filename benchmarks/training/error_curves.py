@@ -10,8 +10,6 @@ from engine.training.settings import PRESETS
 
 from .screening.jobs import GSPLAT
 
-__all__ = ["ERROR_AND_SECONDS", "error_plot", "error_table"]
-
 ERROR_AND_SECONDS = "error and seconds"
 """Name of the table in a document."""
 

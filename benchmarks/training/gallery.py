@@ -13,8 +13,6 @@ from engine.training import TrainingView, is_held_out
 
 from ..scale.building import FOCAL, HEIGHT, PHOTOS_PER_ROOM, WIDTH, Building
 
-__all__ = ["gallery_views"]
-
 _SEED, _N_ROOMS = 0, 4
 _POINTS_PER_PHOTO = 150
 

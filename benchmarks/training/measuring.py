@@ -11,8 +11,6 @@ from .pictures import write_error_picture
 from .running import Measured, TrainingBench
 from .variants import VARIANTS
 
-__all__ = ["measure_set"]
-
 
 def measure_set(
     bench: TrainingBench, photos: PhotoSetFolder, variants: Sequence[str], seeds: Sequence[int], *, pictures: bool

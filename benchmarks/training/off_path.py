@@ -17,8 +17,6 @@ from engine.training.settings import FeatureSettings
 from engine.training.trials import brightness_factors
 from engine.training.views import ViewPyramid
 
-__all__ = ["KINDS", "OFF_PATH", "OffPath", "needles", "off_path_figures", "off_path_table"]
-
 OFF_PATH = "off the path"
 """Name of the table in a document."""
 KINDS = ("near", "far", "above")

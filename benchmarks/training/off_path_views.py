@@ -30,8 +30,6 @@ sys.path.insert(0, str(ROOT / "scripts"))
 
 from places import python_of  # noqa: E402
 
-__all__ = ["true_views"]
-
 _N_PLACES = 3
 """Photos whose places views are made from."""
 _NEAR, _FAR, _RAISED = 0.5, 1.5, 20.0

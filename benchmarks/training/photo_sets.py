@@ -8,8 +8,6 @@ from pathlib import Path
 
 from engine.core.errors import SettingsError
 
-__all__ = ["NAMES", "REAL_SETS", "SCENES", "PhotoSetFolder", "photo_set"]
-
 ROOT = Path(__file__).resolve().parents[2]
 
 REAL_SETS = ("herz_jesus25", "meeting_place9", "banana16", "sakharov_statue32", "skull66")

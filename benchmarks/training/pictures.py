@@ -17,8 +17,6 @@ from engine.training.parameters import Parameters
 from engine.training.settings import TrainingSettings
 from engine.training.views import ViewPyramid, is_held_out, load_views
 
-__all__ = ["write_error_picture"]
-
 _FULL_ERROR = 0.3
 """Mean difference of the colours that is shown white."""
 _MANY_PHOTOS = 6

@@ -10,8 +10,6 @@ The earlier method is that of commit 06f55961, `standard` as planned for each se
 
 from __future__ import annotations
 
-__all__ = ["BEFORE", "GSPLAT", "GSPLAT_FITTED"]
-
 GSPLAT = {
     "herz_jesus25": 23.86,
     "meeting_place9": 19.35,

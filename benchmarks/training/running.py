@@ -26,8 +26,6 @@ from engine.training import load_gaussians, measure_quality
 from .photo_sets import ROOT, PhotoSetFolder
 from .variants import Variant
 
-__all__ = ["Measured", "TrainingBench"]
-
 _SCHEMA = {"figures": dict}
 _PACKAGES = ("cameras", "gaussians", "masks", "photos", "planning", "rasterizer", "scene", "training")
 """Of the engine, whose code decides what a training gives."""

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from .reference import BEFORE, GSPLAT, GSPLAT_FITTED
 from .running import Measured
 
-__all__ = ["details", "overview"]
-
 Results = Mapping[tuple[str, str], Sequence[Measured]]
 """Figures by set and variant, one for each seed."""
 

@@ -18,9 +18,6 @@ import numpy as np
 from ..core.arrays import Float64
 from ..scene import MAX_LENS_PARAMETER, Lens
 
-__all__ = ["BrownLens"]
-
-
 _TOLERANCE = 2.5e-4
 """Largest error of a lens that COLMAP's models represent approximately, relative to the longest side: one pixel in
 4,000. Features of photos are found with a larger error."""

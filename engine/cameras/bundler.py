@@ -19,8 +19,6 @@ from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER
 from .model_reading import write_model_arrays
 from .reconstruction import is_rotation
 
-__all__ = ["bundler_in_child"]
-
 _ADVICE = "Export it again with the list of its pictures, or export a COLMAP model."
 _MAX_BYTES = 128 << 20
 _MAX_POINTS = 5_000_000

@@ -15,8 +15,6 @@ from ..core.errors import CameraError, Cancelled, DiskError
 from ..core.events import StopCheck
 from .colmap import pycolmap
 
-__all__ = ["is_whole_database", "opened_database", "require_free_space", "translated", "wait_for"]
-
 _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
 _MIN_FREE_BYTES = 64_000_000

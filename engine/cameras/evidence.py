@@ -19,20 +19,6 @@ from .colmap import pycolmap
 from .colmap_calls import opened_database
 from .lens_trials import LensTrial, ModelTrials, tried_lenses, with_aspect
 
-__all__ = [
-    "BETTER",
-    "MUCH_BETTER",
-    "Evidence",
-    "PairFit",
-    "fit_of_pairs",
-    "measure_model",
-    "missing_share",
-    "panorama_gain",
-    "strong_links",
-    "turned_share",
-]
-
-
 _MIN_MATCHES = 30
 """Verified matches from which on a pair counts. Pairs with fewer are often wrong where patterns repeat."""
 _PIXELS = 4.0

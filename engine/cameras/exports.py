@@ -23,8 +23,6 @@ from .orientation import GivenCamera
 from .reality_capture import reality_capture_lens
 from .transforms_json import frame_camera, read_transforms
 
-__all__ = ["ReadExport", "cameras_of", "read_export"]
-
 _XML_BYTES = 24
 """Memory for each byte of an XML file as a tree. Measured: 12."""
 _MAX_XMP_FILES = 20_000

@@ -19,19 +19,6 @@ from scipy.sparse.linalg import spsolve
 from .colmap import pycolmap
 from .colmap_calls import opened_database
 
-__all__ = [
-    "SIZES_DIFFER",
-    "balanced_scales",
-    "feature_sizes",
-    "ids_at_gap",
-    "largest_gap",
-    "photos_at_gap",
-    "relative_scales",
-    "scale_groups",
-    "size_gap",
-]
-
-
 _MIN_MATCHES = 15
 """Verified matches from which on a pair counts: COLMAP's own bound."""
 _SWEEPS = 20

@@ -26,8 +26,6 @@ from .processes import cores_for, detecting_cores
 from .settings import CameraSettings
 from .working_copies import WorkingCopy, plan_copies, write_copies, write_default_masks
 
-__all__ = ["LargestFeatures", "SfmWorkspace", "largest_features", "match_features"]
-
 _Report = Callable[[float, str], None]
 
 # Fractions of this module's run time after copying, detection and pair selection, measured on 32 photos.

@@ -28,8 +28,6 @@ from .triangulation import triangulate
 from .turning import ORIENTATIONS
 from .undistortion import require_valid_lens
 
-__all__ = ["has_points", "read_cameras"]
-
 
 def read_cameras(
     model: Path,

@@ -19,8 +19,6 @@ from .health import are_refuted, judge, refuted_images
 from .settings import CameraSettings
 from .triangulation import posed_model
 
-__all__ = ["check_given_cameras"]
-
 _SETTINGS = CameraSettings(max_side=640, max_features=1000, first_octave=0)
 """Of the features that are matched for the check: fewer than for finding cameras, about a second a photo."""
 _MAX_PHOTOS = 200

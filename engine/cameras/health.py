@@ -10,8 +10,6 @@ from ..scene import CameraHealth
 from .evidence import BETTER, MUCH_BETTER, Evidence, PairFit
 from .feature_scales import SIZES_DIFFER
 
-__all__ = ["TURNED", "are_refuted", "judge", "refuted_images"]
-
 _DEPARTURE = 0.03
 """Departure of an aspect (as a logarithm) or of a principal point (in sides of the photo) that counts: 3 %."""
 _COMMON_ASPECT = 0.05

@@ -16,9 +16,6 @@ from ..core.arrays import Float64
 from .model_reading import SparsePoints
 from .orientation import GivenCamera
 
-__all__ = ["Part", "joined_parts"]
-
-
 _MIN_COMMON = 2
 """Common photos that two parts need: a single one does not determine their scale."""
 _MAX_ANGLE, _MAX_SHIFT = np.radians(2.0), 0.03

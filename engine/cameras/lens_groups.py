@@ -21,8 +21,6 @@ from .feature_scales import SIZES_DIFFER, photos_at_gap, relative_scales, scale_
 from .features import SfmWorkspace
 from .lens_trials import LensTrial, ModelTrials, capped_error, tried_lenses
 
-__all__ = ["assign_lenses", "group_by_focal", "lenses_differ", "map_with_lenses"]
-
 MapPhotos = Callable[[Sequence[str]], list[pycolmap.Reconstruction]]
 """Maps the photos of these names in the database, all without names, with the lenses in the database."""
 Models = tuple[list[pycolmap.Reconstruction], ModelTrials | None]

@@ -19,9 +19,6 @@ from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import wait_for
 
-__all__ = ["LensTrial", "ModelTrials", "capped_error", "tried_lenses", "with_aspect"]
-
-
 _LARGEST_ERROR = 10.0
 """Pixels that one point counts at most: points that a trial throws behind a camera have no error."""
 _ITERATIONS = 30

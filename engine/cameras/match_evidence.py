@@ -23,9 +23,6 @@ from .settings import CameraSettings
 from .turning import MIRRORED
 from .undistortion import require_valid_lens
 
-__all__ = ["orientations_by_matches"]
-
-
 _MIN_MATCHES = 12
 """Matches of a pair that count."""
 _CLEAR_RATIO = 0.5

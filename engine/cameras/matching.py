@@ -28,8 +28,6 @@ from .colmap_calls import is_whole_database, opened_database, require_free_space
 from .processes import cores_for, matching_processes
 from .settings import CameraSettings
 
-__all__ = ["match_pairs", "match_share"]
-
 _LOG = logging.getLogger(__name__)
 
 NamePair = tuple[str, str]

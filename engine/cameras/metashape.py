@@ -21,9 +21,6 @@ from .model_reading import write_model_arrays
 from .reconstruction import is_rotation
 from .safe_xml import numbers_of, parsed_xml
 
-__all__ = ["metashape_in_child"]
-
-
 _ADVICE = "Export the cameras again as XML, or as a COLMAP model (File > Export > Export Cameras > Colmap)."
 _FRAME, _FISHEYE = ("frame",), ("fisheye", "equidistant_fisheye")
 _OFF = ("false", "0", "no")

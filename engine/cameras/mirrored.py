@@ -17,9 +17,6 @@ from .colmap import pycolmap
 from .features import largest_features
 from .pairs import MIN_QUICK_MATCHES, quick_match_rows, quick_matches
 
-__all__ = ["agreeing_as_mirrored", "mirrored_descriptors", "mirrored_photos"]
-
-
 _NEXT_PHOTOS = 3
 """Photos after each one, in the order of names, that it is compared with: usually its neighbours in space."""
 _CLEARLY = 2.0

@@ -15,8 +15,6 @@ from ..core.errors import CameraError
 from ..core.files import mapped, opened
 from .colmap import pycolmap
 
-__all__ = ["require_whole_files"]
-
 _COUNT = struct.Struct("<Q")
 _CAMERA = struct.Struct("<iiQQ")
 _IMAGE_HEAD = struct.Struct("<i7di")

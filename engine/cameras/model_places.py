@@ -11,8 +11,6 @@ from pathlib import Path
 from ..core.errors import CameraError, FormatError
 from ..core.files import opened
 
-__all__ = ["Export", "Kind", "ModelPlace", "files_of_model", "find_export", "find_models"]
-
 _MODEL_FILES = ("cameras.bin", "cameras.txt")
 _PLACES = ("", "sparse", "colmap/sparse", "colmap", "distorted/sparse", "distorted", "dense/sparse", "dense")
 """Where programs put models in a project, the usual places first. Each may hold a model or numbered sub-models."""

@@ -27,17 +27,6 @@ from .colmap import pycolmap
 from .model_files import require_whole_files
 from .reconstruction import points_of, viewmat_of
 
-__all__ = [
-    "ModelImage",
-    "SparsePoints",
-    "cloud_in_child",
-    "in_child",
-    "model_in_child",
-    "read_cloud",
-    "read_model",
-    "write_model_arrays",
-]
-
 _LOG = logging.getLogger(__name__)
 _ADVICE = "Copy it again from where it was made, or let the cameras be estimated."
 _MODEL_NAMES = ("cameras", "images", "points3D", "rigs", "frames")

@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 
 from ..core.arrays import Float64
 
-__all__ = ["normalised_viewmat", "normalised_points", "original_from_world"]
-
-
 _MIN_MEAN_LENGTH = 0.3
 """A mean of unit vectors that is shorter than this does not define a direction."""
 _MAX_ROLL = np.sin(np.radians(30.0))

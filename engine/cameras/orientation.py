@@ -25,8 +25,6 @@ from .reconstruction import camera_in_photo, is_scaled
 from .turning import MIRROR, MIRRORED, ORIENTATIONS, turned_lens, turned_pixels, turned_size, turned_viewmat
 from .undistortion import require_valid_lens
 
-__all__ = ["GivenCamera", "OrientationChoice", "choose_orientations", "upright_cameras"]
-
 _LOG = logging.getLogger(__name__)
 
 _SIDE = 320

@@ -18,18 +18,6 @@ from ..core.events import StopCheck
 from ..core.system import usable_cores
 from .retrieval import similar_pairs
 
-__all__ = [
-    "EVERY_PAIR_UP_TO",
-    "MIN_QUICK_MATCHES",
-    "all_pairs",
-    "comparison_work",
-    "largest_descriptors",
-    "largest_rows",
-    "promising_pairs",
-    "quick_match_rows",
-    "quick_matches",
-]
-
 Pair = tuple[int, int]
 
 EVERY_PAIR_UP_TO = 1_000

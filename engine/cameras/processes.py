@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from ..core.system import usable_cores
 
-__all__ = ["cores_for", "detecting_cores", "detection_bytes", "matching_processes"]
-
 _PIXEL_BYTES = 260
 """Memory of detection per pixel of a working copy and core. SIFT works on a picture of twice the size."""
 _MATCHING_BYTES = 200_000_000

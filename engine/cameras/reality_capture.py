@@ -26,9 +26,6 @@ from .model_reading import write_model_arrays
 from .reconstruction import is_rotation
 from .safe_xml import numbers_of, parsed_xml
 
-__all__ = ["csv_in_child", "reality_capture_lens", "xmp_in_child"]
-
-
 _CSV_ADVICE = (
     "Export the registration as Internal/External Camera Parameters (CSV) or as a COLMAP model, with the Brown3 "
     "distortion model and coordinates of a local Euclidean system."

@@ -15,8 +15,6 @@ from ..scene import Camera, CameraHealth, CameraSet
 from .colmap import pycolmap
 from .normalise import normalised_points, normalised_viewmat, original_from_world
 
-__all__ = ["camera_in_photo", "camera_set", "is_rotation", "is_scaled", "points_of", "rounded", "viewmat_of"]
-
 _DECIMALS, _DIGITS = 8, 9
 """Decimals and significant digits of estimated cameras, see `rounded`."""
 

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from ..core.arrays import Float32
 from ..core.system import usable_cores
 
-__all__ = ["similar_pairs"]
-
 _WORDS = 16_384
 _NEAREST = 3
 """Words that a feature counts for."""

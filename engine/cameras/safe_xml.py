@@ -10,8 +10,6 @@ from xml.parsers import expat
 from ..core.errors import CameraError
 from ..core.files import read_bytes
 
-__all__ = ["numbers_of", "parsed_xml"]
-
 _MAX_BYTES = 128 << 20
 _MAX_DEPTH = 64
 _MAX_NUMBERS = 64

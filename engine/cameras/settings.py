@@ -7,8 +7,6 @@ from typing import Literal
 
 from ..core.settings import require, require_choices
 
-__all__ = ["CameraModel", "CameraSettings"]
-
 CameraModel = Literal[
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "SIMPLE_RADIAL_FISHEYE",
     "RADIAL_FISHEYE", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE",

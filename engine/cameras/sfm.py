@@ -30,8 +30,6 @@ from .reconstruction import camera_in_photo, camera_set, points_of, rounded, vie
 from .settings import CameraSettings
 from .still_background import still_background
 
-__all__ = ["estimate_cameras", "other_groups_text"]
-
 _STAGE = "cameras"
 _MATCHED = 0.85
 """Fraction of the run time after matching."""

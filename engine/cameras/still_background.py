@@ -14,8 +14,6 @@ from .colmap import pycolmap
 from .colmap_calls import opened_database
 from .features import SfmWorkspace
 
-__all__ = ["StillBackground", "still_background"]
-
 _STILL = 0.0015
 """Largest distance of a feature that stands still from its match, as a share of the longest side of the photo."""
 _MIN_MATCHES = 15

@@ -18,8 +18,6 @@ from ..core.files import optional, path_within, read_json
 from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens, Photo
 from .orientation import GivenCamera
 
-__all__ = ["frame_camera", "read_transforms", "read_transforms_json"]
-
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _FISHEYE = ("OPENCV_FISHEYE", "FISHEYE")
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")

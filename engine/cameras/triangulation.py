@@ -18,8 +18,6 @@ from .normalise import normalised_viewmat, original_from_world
 from .reconstruction import points_of
 from .settings import CameraSettings
 
-__all__ = ["posed_model", "triangulate"]
-
 
 def triangulate(
     cameras: list[Camera],

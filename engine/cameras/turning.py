@@ -15,9 +15,6 @@ from ..core.arrays import Float64
 from ..scene import Lens, focal_and_center
 from .undistortion import require_valid_lens
 
-__all__ = ["MIRRORED", "MIRROR", "ORIENTATIONS", "turned_lens", "turned_pixels", "turned_size", "turned_viewmat"]
-
-
 ORIENTATIONS = range(1, 9)
 MIRRORED = frozenset({2, 4, 5, 7})
 MIRROR: Float64 = np.diag([-1.0, 1.0, 1.0])

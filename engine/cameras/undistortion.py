@@ -24,17 +24,6 @@ from ..scene import Camera, Lens, PinholeCamera, focal_and_center, lens_pixels
 from .colmap import pycolmap
 from .reconstruction import is_rotation
 
-__all__ = [
-    "covering_pinhole",
-    "distort",
-    "is_point_visible",
-    "project",
-    "read_camera_json",
-    "require_valid_lens",
-    "training_pinhole",
-    "undistort",
-]
-
 Pixels = TypeVar("Pixels", bound=np.generic)
 Interpolation = Literal["linear", "nearest"]
 

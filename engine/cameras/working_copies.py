@@ -17,8 +17,6 @@ from ..core.files import atomic_write, opened
 from ..photos import load_with_valid
 from ..scene import Photo, PhotoSet
 
-__all__ = ["WorkingCopy", "plan_copies", "write_copies", "write_default_masks"]
-
 _END_OF_JPEG, _END_OF_PNG = b"\xff\xd9", b"IEND\xaeB`\x82"
 
 

@@ -14,8 +14,6 @@ from pathlib import Path
 from ..core.errors import EnvironmentProblem, HeritageError
 from ..core.system import describe_system, total_memory, usable_cores
 
-__all__ = ["Check", "examine", "missing_package"]
-
 _REQUIRED_PACKAGES = {
     "numpy": "numpy",
     "torch": "torch",

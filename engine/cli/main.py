@@ -16,8 +16,6 @@ from ..core.system import StopOnSignal, cpu_seconds, end_children_with_this_proc
 from .commands import COMMANDS, load_command
 from .terminal import EventOutput
 
-__all__ = ["main"]
-
 
 def build_parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
     """Return the parser of the commands of these names."""

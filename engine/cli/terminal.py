@@ -25,8 +25,6 @@ from ..core.system import json_printable, printable
 from ..core.visible_text import visible
 from ..project.folder import PROJECT_FILE
 
-__all__ = ["EventOutput"]
-
 
 class _LogLines(logging.Handler):
     """Writes log records of libraries into the log of the project as lines of kind ``log``; event readers skip them."""

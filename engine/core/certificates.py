@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-__all__ = ["CERTIFICATE_VARIABLE", "system_context", "untrusted_certificate"]
-
 CERTIFICATE_VARIABLE = "SSL_CERT_FILE"
 """Environment variable with a file of certificates that are trusted, as OpenSSL has it."""
 _OUT_OF_DATE = {9, 10, 0x800B0101, -67818, -67819}

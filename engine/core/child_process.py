@@ -37,8 +37,6 @@ from .system import (
     wall_seconds_limited,
 )
 
-__all__ = ["ChildBeside", "ChildFailure", "ChildrenBeside", "child_beside", "run_in_child"]
-
 _LOG = logging.getLogger(__name__)
 _ENGINE = str(__package__).rpartition(".")[0]
 # Not `__name__`, which is `__main__` in the child.

@@ -28,16 +28,6 @@ from .system import (
     with_utf8,
 )
 
-__all__ = [
-    "ERRORS_FILE",
-    "EVENTS_FILE",
-    "EngineProcess",
-    "STOP_FILE",
-    "engine_command",
-    "engine_environment",
-    "events_in",
-]
-
 EVENTS_FILE, ERRORS_FILE, STOP_FILE = "events.jsonl", "errors.txt", "stop"
 """Files in the folder of a process: what it writes, to standard output and standard error, and what asks it to stop."""
 

@@ -16,26 +16,6 @@ from typing import Any, ClassVar
 from .errors import FormatError
 from .files import Schema, finite_or_null, optional, parse_json
 
-__all__ = [
-    "PROTOCOL_VERSION",
-    "Emit",
-    "ErrorEvent",
-    "Event",
-    "Finished",
-    "Metric",
-    "Preview",
-    "Progress",
-    "StageFinished",
-    "StageStarted",
-    "StopCheck",
-    "Warned",
-    "from_json_line",
-    "ignore_events",
-    "never_stop",
-    "part_of",
-    "to_json_line",
-]
-
 PROTOCOL_VERSION = 1
 
 

@@ -19,8 +19,6 @@ from urllib.parse import quote, urljoin, urlsplit
 from .certificates import system_context, untrusted_certificate
 from .errors import EnvironmentProblem, ModelFileError
 
-__all__ = ["Connection", "open_https"]
-
 _TIMEOUT_SECONDS = 30.0
 _MAX_REDIRECTS = 10
 _REDIRECTS = (301, 302, 303, 307, 308)

@@ -16,8 +16,6 @@ from typing import Any
 
 from .parts import part
 
-__all__ = ["lazy_exports"]
-
 
 def lazy_exports(package: str, file: str) -> Callable[[str], Any]:
     """Return the ``__getattr__`` of a package that imports the modules behind its public names when they are used.

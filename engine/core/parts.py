@@ -15,8 +15,6 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["Parts", "measured_parts", "part"]
-
 
 @dataclass
 class Parts:

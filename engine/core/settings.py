@@ -12,8 +12,6 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from .errors import SettingsError
 
-__all__ = ["require", "require_choices", "to_dict"]
-
 
 def require(settings: object, field_name: str, condition: bool, bound: str) -> None:
     """Raise `SettingsError` "`TrainingSettings.steps` must be <bound>, got <value>." unless `condition` holds."""

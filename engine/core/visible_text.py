@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["visible"]
-
 _HIDDEN = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 

@@ -7,8 +7,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Up", "file_from_z_up", "y_down_from_z_up", "y_up_from_z_up", "z_up_from_y_up"]
-
 Up = Literal["z", "-y", "y"]
 """Axis of a file that points up."""
 

@@ -16,8 +16,6 @@ from ..core.files import opened
 from ..core.system import free_memory
 from ..scene import Gaussians
 
-__all__ = ["opened_with_size", "require_memory", "usable_rows"]
-
 _ALWAYS_FREE = 128 << 20
 _ROWS_PER_CHUNK = 1 << 14
 """Gaussians checked at once."""

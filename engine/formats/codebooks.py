@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 
 from ..core.arrays import Float32
 
-__all__ = ["codebook", "palette"]
-
-
 _BINS = 1 << 14
 """Steps of the range of the numbers, each of which counts as one value with a weight."""
 _COARSE_BINS = 512

@@ -21,9 +21,6 @@ from .ply_header import Element, Header, require_rows, skip_to
 from .spherical_harmonics import SH_C0
 from .transform import logits_of
 
-__all__ = ["read_compressed"]
-
-
 _CHUNK = 256
 """Gaussians of a chunk."""
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")

@@ -33,8 +33,6 @@ from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .spherical_harmonics import SH_C0
 from .transform import AffineMap, logits_of, transform_gaussians
 
-__all__ = ["BIN_CHUNK", "EXTENSION", "JSON_CHUNK", "MAGIC", "MAX_FILE_SIZE", "XMP", "read_glb", "write_glb"]
-
 EXTENSION = "KHR_gaussian_splatting"
 XMP = "KHR_xmp_json_ld"
 _ROTATION = f"{EXTENSION}:ROTATION"

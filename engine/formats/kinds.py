@@ -14,8 +14,6 @@ from .axes import Up
 from .sog import DecodePicture
 from .table import FORMATS, format_of
 
-__all__ = ["READ_SUFFIXES", "kind_of", "read_other"]
-
 _READ = tuple(one for one in FORMATS if one.read is not None)
 READ_SUFFIXES = tuple(suffix for one in _READ for suffix in (*one.suffixes, *one.read_suffixes))
 """Ends of the names of files that `kind_of` may recognise."""

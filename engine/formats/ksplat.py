@@ -24,8 +24,6 @@ from .bounds import opened_with_size, require_memory, usable_rows
 from .splat import coefficients_of, log_scales_of
 from .transform import AffineMap, logits_of
 
-__all__ = ["read_ksplat"]
-
 _HEADER, _SECTION_HEADER = 4096, 1024
 _MAX_SECTIONS = 10_000
 _BUCKET_BYTES = 12

@@ -18,8 +18,6 @@ from ..scene import Mesh
 from .glb import BIN_CHUNK, JSON_CHUNK, MAGIC, MAX_FILE_SIZE, XMP
 from .mesh_plain import FILLED_MATERIAL, SEEN_MATERIAL
 
-__all__ = ["MESH_ROUGHNESS", "write_mesh_glb"]
-
 MESH_ROUGHNESS = 0.9
 """Roughness of both materials: photos do not measure it, and the colours contain the light of the room."""
 

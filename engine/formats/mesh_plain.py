@@ -16,8 +16,6 @@ from ..core.visible_text import visible
 from ..scene import Mesh
 from .ply import ascii_text
 
-__all__ = ["FILLED_MATERIAL", "SEEN_MATERIAL", "write_mesh_obj", "write_mesh_ply", "write_mesh_stl"]
-
 SEEN_MATERIAL, FILLED_MATERIAL = "photographed", "filled_seen_by_no_photo"
 """Names of the two materials of a mesh, in all formats that have materials."""
 

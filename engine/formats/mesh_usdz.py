@@ -19,8 +19,6 @@ from ..scene import Mesh
 from .mesh_glb import MESH_ROUGHNESS
 from .mesh_plain import FILLED_MATERIAL, SEEN_MATERIAL
 
-__all__ = ["write_mesh_usdz"]
-
 _ALIGNMENT = 64
 """Bytes of which the data of each file in a USDZ begins at a multiple, by its specification."""
 

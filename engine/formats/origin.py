@@ -9,9 +9,6 @@ from ..core.arrays import Float64
 from ..core.errors import FormatError
 from ..scene import Gaussians
 
-__all__ = ["far_origin", "moved_far", "require_near"]
-
-
 _FAR = 64.0
 """Distance from 0, in extents of the Gaussians, from which they are far: float32 then keeps 18 bits of the extent."""
 _MOST_SAMPLED = 10_000

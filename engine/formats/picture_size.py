@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import struct
 
-__all__ = ["picture_size"]
-
 
 def picture_size(data: bytes) -> tuple[int, int] | None:
     """Return width and height in pixels of a WebP or PNG picture; None for something else."""

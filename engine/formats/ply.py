@@ -31,8 +31,6 @@ from .ply_rows import COLOR, NORMAL, POSITION, ROTATION, SCALE, RowsToWrite, col
 from .render_mode import ANTIALIASED_NOTE, RENDER_MODE, RENDER_MODE_KEY, is_antialiased, without_mode
 from .transform import AffineMap, logits_of
 
-__all__ = ["ascii_text", "PlyFile", "check_finite", "read_ply", "read_ply_file", "write_ply"]
-
 _ARRAYS = ("means", "log_scales", "quats", "opacity_logits", "sh")
 _REST_COUNTS = (0, 9, 24, 45)
 _ROWS_PER_CHUNK = 1 << 12

@@ -12,8 +12,6 @@ import numpy as np
 
 from ..core.errors import FormatError
 
-__all__ = ["Element", "Header", "read_header", "require_rows", "skip_to"]
-
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from ..scene import Gaussians
 
-__all__ = ["COLOR", "NORMAL", "POSITION", "ROTATION", "SCALE", "Columns", "RowsToWrite", "columns_of", "rest_names"]
-
 Columns = Callable[..., NDArray[np.float32]]
 Put = Callable[[Gaussians, int], None]
 

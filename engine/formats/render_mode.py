@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-__all__ = ["ANTIALIASED_NOTE", "RENDER_MODE", "RENDER_MODE_KEY", "is_antialiased", "without_mode"]
-
 ANTIALIASED_NOTE = "They were trained anti-aliased (mip), and are drawn so."
 RENDER_MODE_KEY = "SplatRenderMode"
 RENDER_MODE = {True: "mip", False: "default"}

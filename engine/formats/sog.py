@@ -28,8 +28,6 @@ from .bounds import require_memory, usable_rows
 from .picture_size import picture_size
 from .transform import AffineMap, logits_of
 
-__all__ = ["MAX_COUNT", "META", "PALETTE_WIDTH", "DecodePicture", "read_sog"]
-
 DecodePicture = Callable[[bytes], NDArray[np.uint8]]
 """Returns the pixels [H, W, 4] of a WebP or PNG picture with exactly its own values; raises `ValueError`."""
 

@@ -27,8 +27,6 @@ from .ply import check_finite
 from .sog import MAX_COUNT, META, PALETTE_WIDTH
 from .transform import transform_gaussians
 
-__all__ = ["EncodePicture", "write_sog"]
-
 EncodePicture = Callable[[NDArray[np.uint8]], bytes]
 """Returns pixels [H, W, 4] as lossless WebP; the colours of pixels with an alpha of 0 may change."""
 

@@ -6,9 +6,6 @@ import numpy as np
 
 from ..core.arrays import Float64
 
-__all__ = ["SH_C0", "orthogonal_sh_matrix", "sh_basis"]
-
-
 SH_C0 = 0.28209479177387814
 """Value of the constant basis function, 1 / (2 sqrt(pi)). Colour = 0.5 + SH_C0 * sh[:, 0] for degree 0."""
 _C1 = 0.4886025119029199

@@ -19,8 +19,6 @@ from .bounds import opened_with_size, require_memory, usable_rows
 from .spherical_harmonics import SH_C0
 from .transform import AffineMap, logits_of
 
-__all__ = ["coefficients_of", "log_scales_of", "read_splat"]
-
 _ROW = np.dtype([("place", "<f4", 3), ("scales", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
 _ADVICE = "Copy or export it again."
 

@@ -31,8 +31,6 @@ from .ply import check_finite
 from .transform import AffineMap, logits_of, transform_gaussians
 from .zstandard_streams import unpack_zstandard
 
-__all__ = ["read_spz", "write_spz"]
-
 _MAGIC, _VERSION = 0x5053474E, 3
 _HEADER = struct.Struct("<IIIBBBB")
 _ANTIALIASED = 1

@@ -28,8 +28,6 @@ from .splat import read_splat
 from .spz import read_spz, write_spz
 from .usd import write_usd
 
-__all__ = ["DEFAULT_FORMAT", "FORMATS", "FileFacts", "Format", "WritingTools", "format_of", "write_mesh", "write_scene"]
-
 
 @dataclass(frozen=True)
 class FileFacts:

@@ -15,8 +15,6 @@ from ..core.errors import NumericalError
 from ..scene import Gaussians, rotations_from_quats, unit_quats
 from .spherical_harmonics import orthogonal_sh_matrix
 
-__all__ = ["AffineMap", "logits_of", "quats_from_rotations", "transform_gaussians"]
-
 _ROWS_PER_CHUNK = 1 << 9
 """Gaussians transformed at once: intermediate values stay in the processor's cache, and products of matrices are so
 small that BLAS does not share them with a second core, on which it would wait while other programs use it."""

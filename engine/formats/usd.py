@@ -29,8 +29,6 @@ from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .transform import transform_gaussians
 
-__all__ = ["PRIM_TYPE", "has_openusd", "require_openusd", "write_usd"]
-
 PRIM_TYPE = "ParticleField3DGaussianSplat"
 _UNKNOWN_UNIT = "The unit of this file is unknown. metersPerUnit is 1 so that its numbers are shown as they are."
 _MAX_COUNT = 20_000_000

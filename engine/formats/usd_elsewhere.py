@@ -16,8 +16,6 @@ from ..scene import Gaussians
 from .ply import read_ply, write_ply
 from .usd import write_usd
 
-__all__ = ["usd_from_ply", "write_usd_elsewhere"]
-
 _MEMORY = 4 << 30
 _MEMORY_PER_BYTE = 16
 """Address space of the child: Python and OpenUSD, and the Gaussians, their arrays in OpenUSD and copies."""

@@ -24,8 +24,6 @@ from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .transform import logits_of
 from .usd import PRIM_TYPE, require_openusd
 
-__all__ = ["convert_usd", "read_usd"]
-
 _MEMORY = 1 << 30
 _MEMORY_PER_BYTE = 8
 """Address space of the child: OpenUSD itself, and the file, its arrays and their copies."""

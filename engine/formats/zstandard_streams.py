@@ -9,8 +9,6 @@ import sys
 
 from ..core.errors import EnvironmentProblem
 
-__all__ = ["unpack_zstandard"]
-
 _PIECE = 1 << 20
 _LEAST_WINDOW = 1 << 27
 """Bytes that a stream may look back at without asking for more: the standard's recommendation for decoders."""

@@ -11,8 +11,6 @@ from typing import IO
 from ..core.errors import EnvironmentProblem
 from ..core.system import no_window, with_utf8
 
-__all__ = ["run_program"]
-
 _POLL_SECONDS = 0.1
 
 

@@ -25,9 +25,6 @@ from .mask_geometry import mask_box, mask_iou
 from .sam import INPUT_SIDE, LOW_RES_SIDE, Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
-__all__ = ["label_map_size", "paint_labels", "segment_everything"]
-
-
 # No two clicks are closer than this many low-resolution pixels (of 256).
 _MIN_CLICK_DISTANCE = 6
 # Uncovered areas whose largest inscribed circle has a smaller radius (low-resolution pixels) are gaps between masks.

@@ -23,8 +23,6 @@ from ..core.system import PeakMemory, lower_priority
 from .settings import SAM_MODELS, MaskSettings
 from .storage import label_map_path
 
-__all__ = ["BesideCost", "MasksBeside", "make_masks_in_child", "sam_threads"]
-
 _LOG = logging.getLogger(__name__)
 MIN_PHOTOS_EACH = 4
 """Smallest number of photos of a child where there are several: each loads SAM, which takes as long as a photo."""

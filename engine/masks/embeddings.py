@@ -19,8 +19,6 @@ from ..project.folder import stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MAX_EMBEDDINGS
 
-__all__ = ["EmbeddingFolder"]
-
 _VERSION = 1
 _SUFFIX = ".sam.npz"
 _FEATURES = ArraySpec("float16", (1, 256, 64, 64))

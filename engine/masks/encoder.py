@@ -18,8 +18,6 @@ from .settings import SAM_MODELS
 if TYPE_CHECKING:
     from .torch_encoder import TorchEncoder
 
-__all__ = ["PhotoEncoder", "card_encodes", "describe_encoding"]
-
 _LOG = logging.getLogger(__name__)
 
 # Largest difference from the CPU, as a share of the largest value. Embeddings are stored in half precision, which

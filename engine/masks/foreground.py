@@ -26,9 +26,6 @@ from ..photos import load_pixels
 from ..scene import Photo, PhotoSet
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 
-__all__ = ["make_foreground_masks"]
-
-
 _LOOK_SIDE = 256
 """Longest side in pixels at which photos are compared for what moves."""
 _MAX_LOOKS = 24

@@ -17,9 +17,6 @@ from .mask_geometry import mask_box, suppress_overlapping
 from .sam import Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
-__all__ = ["CANCELLED_MESSAGE", "generate_grid_masks", "stability_score"]
-
-
 CANCELLED_MESSAGE = "Stopped while segmenting a photo; the label maps of earlier photos are kept."
 
 

@@ -17,8 +17,6 @@ from ..install.models import open_session, read_onnx_weights
 if TYPE_CHECKING:
     from .torch_decoder import TorchDecoder
 
-__all__ = ["MaskDecoder"]
-
 _LOG = logging.getLogger(__name__)
 
 _INPUTS = {"image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"}

@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike
 
 from ..core.arrays import Float32, Mask
 
-__all__ = ["box_ious", "mask_box", "mask_iou", "suppress_overlapping"]
-
 
 def mask_iou(first: Mask, second: Mask) -> float:
     """Return the intersection over union of two masks, 0 to 1; 0 when both are empty.

@@ -11,8 +11,6 @@ from ..core.arrays import Mask, normalized
 from . import mask_iou
 from .settings import INSTANCE_COSINE
 
-__all__ = ["boundary", "boundary_iou", "feature_agreement", "halo", "holes", "iou", "stray"]
-
 _MIN_AGREEMENT_PIXELS = 100
 """Pixels of a segment below which `feature_agreement` leaves it out."""
 

@@ -19,8 +19,6 @@ from .encoder import PhotoEncoder
 from .mask_decoder import MaskDecoder
 from .settings import SAM_MODELS
 
-__all__ = ["LOW_RES_SIDE", "Embedding", "Prediction", "SegmentAnything", "load_default_sam", "load_sam", "photo_logits"]
-
 INPUT_SIDE = 1024
 LOW_RES_SIDE = 256
 _CELL_PIXELS = 16

@@ -7,8 +7,6 @@ from typing import Literal
 
 from ..core.settings import require, require_choices
 
-__all__ = ["EMBEDDING_BYTES", "INSTANCE_COSINE", "MAX_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
-
 EMBEDDING_BYTES = 2 * 256 * 64 * 64
 """Size on disk of the embedding of one photo in bytes, in half precision."""
 

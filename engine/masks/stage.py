@@ -26,8 +26,6 @@ from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MaskSettings
 from .storage import label_map_path, read_recipe, write_label_map
 
-__all__ = ["make_masks"]
-
 # Increased when the method changes, so that label maps of an older engine are computed again.
 _METHOD_VERSION = 2
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from ..core.errors import FormatError, MaskError
 from ..core.files import ArraySpec, atomic_write, derived_name, parse_json, path_within, read_arrays
 
-__all__ = ["label_map_path", "read_label_map", "read_recipe", "write_label_map"]
-
 _VERSION = 1
 _ARRAYS = {"labels": ArraySpec("int32", ("h", "w")), "header": ArraySpec("str", ())}
 _ADVICE = "Delete it and run `reconstruct` again."

@@ -25,8 +25,6 @@ from torch.nn import functional
 
 from ..install.models import one_thread
 
-__all__ = ["TorchDecoder"]
-
 _HEADS = 8
 _SIDE = 64
 """Cells of an embedding along each side. A cell has 4 x 4 low-resolution pixels."""

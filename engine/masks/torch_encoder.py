@@ -17,8 +17,6 @@ from torch.nn import functional
 
 from ..install.models import one_thread
 
-__all__ = ["TorchEncoder"]
-
 _STAGES = ((2, 7), (6, 14), (2, 7))
 """Blocks of each stage with attention, and the side of its windows."""
 _HEAD_CHANNELS = 32

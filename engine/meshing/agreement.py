@@ -24,8 +24,6 @@ from .drawing import mesh_depth
 from .fusion import fuse
 from .surface import extract_surface
 
-__all__ = ["agreeing_depths"]
-
 _TOWARD = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 """Standard deviations of the depths in a pixel, by which the surface may be nearer than their mean."""
 

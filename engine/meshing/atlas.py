@@ -10,8 +10,6 @@ from ..core.arrays import Float32, Float64, Int32
 from ..rasterizer import JIT
 from .cleaning import areas_of
 
-__all__ = ["make_atlas", "texels"]
-
 _PADDING = 3
 """Pixels between parts of the texture: smaller pictures of it mix neighbours."""
 

@@ -9,8 +9,6 @@ from scipy.sparse.csgraph import connected_components
 from ..core.arrays import Float32, Float64, Int32, Int64, Mask
 from ..core.errors import ObjectError
 
-__all__ = ["areas_of", "kept_faces", "main_parts", "separated", "used_vertices", "vertex_normals"]
-
 _MIN_PART = 0.02
 """Area of a separate part, relative to that of the largest one, below which it is a floater."""
 

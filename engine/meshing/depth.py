@@ -16,8 +16,6 @@ from ..pictures import Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Camera, Gaussians, PinholeCamera, rotations_from_quats
 
-__all__ = ["DepthMap", "depth_maps", "surface_points"]
-
 _MAX_SIDE = 4096
 """Longest side, in pixels, at which a photo is read."""
 

@@ -11,8 +11,6 @@ from ..core.arrays import Float32, Float64, Int32
 from ..rasterizer import JIT
 from ..scene import PinholeCamera
 
-__all__ = ["Drawn", "draw_triangles", "mesh_depth"]
-
 _NEAR = 1e-4
 """Depth below which a vertex is not in front of the camera."""
 

@@ -16,8 +16,6 @@ from ..core.events import StopCheck
 from ..rasterizer import JIT, Share, run_shared, take_range
 from .depth import DepthMap, surface_points
 
-__all__ = ["Field", "fuse", "with_unseen_filled"]
-
 _MAX_VOXELS = 8_000_000
 """Largest grid: 4 bytes for each of its voxels in four arrays."""
 

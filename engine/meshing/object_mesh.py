@@ -26,8 +26,6 @@ from .simplifying import simplified
 from .surface import extract_surface
 from .texture import SurfacePoints, colors_of, spread_colors
 
-__all__ = ["MeshResult", "mesh_object"]
-
 _MIN_TRIANGLES = 100
 """Triangles of the fused surface below which it is no surface but the blots of a few Gaussians."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["LEVELS", "MeshSettings"]
-
 LEVELS = (5_000, 50_000, 500_000)
 """Numbers of triangles that are offered: for the web, for looking closely, and as fine as photos allow."""
 

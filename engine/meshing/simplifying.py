@@ -10,8 +10,6 @@ from scipy.spatial import cKDTree
 from ..core.arrays import Float64, Int32, Mask
 from .cleaning import used_vertices
 
-__all__ = ["simplified"]
-
 _OTHER_SHARES = (0.96, 0.92, 0.88, 0.84, 0.8)
 """Shares of the wanted number that are tried for a closed surface: quadrics may let parts of it touch."""
 

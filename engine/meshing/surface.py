@@ -9,8 +9,6 @@ import numpy as np
 from ..core.arrays import Float64, Int32, Mask
 from .fusion import Field
 
-__all__ = ["extract_surface"]
-
 _CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
 """The corners of a cell, [8, 3]; the number of a corner is 4x + 2y + z."""
 

@@ -20,8 +20,6 @@ from ..scene import PinholeCamera
 from .depth import DepthMap
 from .drawing import mesh_depth
 
-__all__ = ["SurfacePoints", "colors_of", "spread_colors"]
-
 _PIXELS_PER_TEXEL = 1.5
 """Photos are read at most so much finer than the texture."""
 

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from .candidate_file import CANDIDATES, forget_candidates
     from .clicked import ClickMasks, click_masks
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
-    from .detail import DetailPhotos, DetailResult, detail_object
-    from .detail_cutter import read_part
+    from .detail import DetailResult, detail_object
+    from .detail_cutter import DetailPhotos, read_part
     from .graph import SceneGraph
     from .looks import Looks
     from .photos import Photos, SamFactory

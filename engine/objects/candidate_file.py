@@ -29,8 +29,6 @@ from .votes import MaskEvidence
 if TYPE_CHECKING:
     from .photos import Photos
 
-__all__ = ["CANDIDATES", "StoredCandidate", "cut_out", "forget_candidates", "load_candidate", "remember_candidates"]
-
 CANDIDATES = "objects/candidates.json"
 _PICTURES, _ARRAYS = "objects/_candidates", "objects/_candidates/{}.npz"
 _VERSION = 1

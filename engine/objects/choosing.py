@@ -13,8 +13,6 @@ from .lifting import MAX_COMMON, is_same
 from .looks import Looks
 from .settings import SegmentSettings
 
-__all__ = ["N_OFFERED", "answers_of", "offers_of", "whole_versions"]
-
 N_OFFERED = 8
 """Objects that a refused text is answered with, as pictures."""
 

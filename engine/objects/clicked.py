@@ -13,8 +13,6 @@ from .context import SegmentationContext
 from .evidence import evidence_of_places, places_in
 from .prompts import Point, camera_of_prompt
 
-__all__ = ["ClickMasks", "click_masks"]
-
 
 @dataclass(frozen=True)
 class ClickMasks:

@@ -28,8 +28,6 @@ from .views import Views
 if TYPE_CHECKING:
     from .grounding import Detector
 
-__all__ = ["DetectorFactory", "SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
-
 DetectorFactory = Callable[[], "Detector"]
 
 Made = TypeVar("Made")

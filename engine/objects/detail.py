@@ -27,8 +27,6 @@ from .detail_cutter import DetailCutter, DetailPhotos
 from .settings import SegmentSettings
 from .views import Views, spread_cameras
 
-__all__ = ["DetailPhotos", "DetailResult", "detail_object"]
-
 _MAX_PHOTOS = 40
 """Photos of which crops are made, those that differ most: each takes memory, and the steps are the same for more."""
 

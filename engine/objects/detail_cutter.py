@@ -27,8 +27,6 @@ from ..training.settings import TEST_PHOTOS
 from .context import photo_folder_of
 from .views import MIN_VISIBLE_PIXELS, Views, erode_mask, inner_box
 
-__all__ = ["DetailCutter", "DetailPhotos", "read_part"]
-
 _MIN_INSIDE = 0.5  # chosen on room_1, room_5, herz_jesus25, banana16
 """Share of the pixels that show a Gaussian in the photos in which the object is what is seen, from which on detail is
 made of it. The others are part of something else."""

@@ -24,12 +24,6 @@ from .spatial import parse_spatial
 from .views import View, Views
 from .votes import MaskEvidence
 
-__all__ = [
-    "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
-    "evidence_of_exclusions", "evidence_of_places", "find_evidence", "meant_by", "pixel_of", "places_in",
-    "require_known", "require_mask", "unknown_word",
-]  # fmt: skip
-
 _MAX_MEANT = 3
 """Texts that are suggested for an unknown one."""
 

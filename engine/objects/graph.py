@@ -25,11 +25,6 @@ from ..project.folder import stage_key
 from .views import OUTER, Views, spread_cameras
 from .votes import Votes
 
-__all__ = [
-    "BELONGS", "LARGE", "MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph",
-    "read_graph",
-]  # fmt: skip
-
 _VERSION = "graph 4"
 
 BELONGS = 0.5

@@ -15,8 +15,6 @@ from ..core.arrays import Float32, Int64, Mask
 from .graph import MAX_RADII, N_NEIGHBOURS
 from .views import Views
 
-__all__ = ["build_groups"]
-
 _POSITION_WEIGHT = 0.5  # chosen on museum_room, store_room
 """Weight of positions, in `Views.length_unit`, relative to features, whose length is 1."""
 

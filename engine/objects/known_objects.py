@@ -9,8 +9,6 @@ from ..core.arrays import Float32
 from ..core.words import normalised
 from ..project.objects import ObjectRecord, list_objects, load_membership
 
-__all__ = ["BACKGROUND", "found_again", "stored_memberships", "was_changed"]
-
 BACKGROUND = "background"
 """Prompt kind, name and id of the background."""
 

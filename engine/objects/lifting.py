@@ -18,11 +18,6 @@ from .support import standing
 from .views import SAME_IOU, Views
 from .votes import MaskEvidence, Votes, count_votes
 
-__all__ = [
-    "BELOW_THRESHOLD", "MAX_COMMON", "NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels",
-    "corrected", "fit_of", "is_same", "isolate_kept", "isolate_object", "isolate_proposal", "levels_of_each",
-]  # fmt: skip
-
 NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
 NONE_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
 

@@ -30,8 +30,6 @@ from .support import standing
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
-__all__ = ["Looks", "build_looks", "describe_members", "kept_looks", "load_or_build_looks"]
-
 _VERSION, _FILE = "looks 9", "looks.npz"
 
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8

@@ -34,8 +34,6 @@ from .settings import DEFAULT_THRESHOLD, PaperSettings
 from .views import View, erode_mask, spread_cameras
 from .votes import MaskEvidence, count_votes
 
-__all__ = ["find_objects_of_paper", "nothing_found"]
-
 log = logging.getLogger(__name__)
 
 _LIKE_THE_CLICK = 0.5

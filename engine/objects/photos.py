@@ -17,8 +17,6 @@ from .settings import SegmentSettings
 if TYPE_CHECKING:
     from ..masks import Embedding, EmbeddingFolder, SegmentAnything
 
-__all__ = ["Photos", "SamFactory"]
-
 SamFactory = Callable[[], "SegmentAnything"]
 
 

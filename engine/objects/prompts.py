@@ -16,21 +16,6 @@ from ..core.errors import FormatError, HeritageError, MaskError, PromptError
 from ..core.files import opened
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = [
-    "BoxPrompt",
-    "ClickPrompt",
-    "MaskPrompt",
-    "Place",
-    "Point",
-    "Prompt",
-    "TextPrompt",
-    "camera_of_prompt",
-    "describe_prompt",
-    "load_mask",
-    "parse_point",
-    "parse_prompt",
-]
-
 Place = tuple[float, float]
 """x, y in pixels of a picture from its top left corner."""
 

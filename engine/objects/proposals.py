@@ -22,8 +22,6 @@ from .lifting import MAX_COMMON
 from .views import MIN_VISIBLE_PIXELS, SAME_IOU
 from .votes import Votes, votes_of_known
 
-__all__ = ["LEAST_PROBABILITY", "Proposals", "choose_sets", "find_proposals"]
-
 _SETS_TOGETHER = 16
 """Sets of Gaussians that are solved together. More need more memory and are hardly faster."""
 

@@ -17,8 +17,6 @@ from .known_objects import BACKGROUND
 from .lifting import is_same
 from .votes import MaskEvidence, undecided_by
 
-__all__ = ["remember_refusal"]
-
 
 def remember_refusal(
     project: Path,

@@ -27,8 +27,6 @@ from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
 from .votes import MaskEvidence
 
-__all__ = ["NoMatchError", "find_everything", "find_objects", "mask_at"]
-
 _MIN_NAME_SCORE = 0.17  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""
 

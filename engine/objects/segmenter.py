@@ -49,8 +49,6 @@ from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings
 from .teaching import learn, teach_kept
 from .votes import MaskEvidence
 
-__all__ = ["BACKGROUND", "Segmenter", "TextResult"]
-
 _MIN_LEFT = 0.05
 """Share of an object that a correction must leave: less is a rest of scattered Gaussians, not a smaller object."""
 
@@ -344,7 +342,8 @@ class Segmenter:
         why: str,
     ) -> ObjectRecord:
         """Store an object with detail from the photos. The old one is copied to the trash, whose list says `why`."""
-        from .detail import DetailPhotos, DetailResult, detail_object
+        from .detail import DetailResult, detail_object
+        from .detail_cutter import DetailPhotos
 
         members, path = membership >= record.threshold, self.project.path
         known = load_detailed(path, record.id)

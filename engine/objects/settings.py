@@ -7,11 +7,6 @@ from dataclasses import dataclass, replace
 from ..core.settings import require
 from ..masks.settings import INSTANCE_COSINE
 
-__all__ = [
-    "BETTER", "DEFAULT_PRESET", "DEFAULT_THRESHOLD", "PAPER", "PRESETS", "RELEASED", "SURE_SCORE",
-    "PaperSettings", "SegmentSettings",
-]  # fmt: skip
-
 DEFAULT_THRESHOLD = 0.5
 """Membership from which on a Gaussian belongs to a new object, until the user moves the slider: as much speaks for it
 as against it."""

@@ -16,8 +16,6 @@ from ..core.arrays import Floats
 from ..core.errors import PromptError
 from ..scene import Camera, PinholeCamera
 
-__all__ = ["Extent", "SpatialText", "choose", "parse_spatial", "showing_camera"]
-
 _SELECTORS = {
     "left": "left|leftmost|left-hand",
     "right": "right|rightmost|right-hand",

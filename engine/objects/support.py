@@ -11,8 +11,6 @@ import numpy as np
 from ..core.arrays import Float32, Float64, Int64, Mask
 from ..scene import Gaussians, rotations_from_quats
 
-__all__ = ["Surfaces", "horizontal_surfaces", "standing"]
-
 _UPRIGHT = 0.85  # chosen on room_1, room_5
 """Least cosine between the normal of a horizontal Gaussian and the vertical: up to 32 degrees."""
 

@@ -17,8 +17,6 @@ from .context import SegmentationContext
 from .known_objects import BACKGROUND
 from .spatial import parse_spatial
 
-__all__ = ["learn", "taught_word", "teach_kept"]
-
 _UNNAMED = "object"
 """Name of an object that was clicked, boxed or painted and not named, see `engine.cli.commands.segment`."""
 _NUMBER = re.compile(r"[\s-]+\d+$")

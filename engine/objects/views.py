@@ -16,11 +16,6 @@ from ..pictures import Rendered, Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = [
-    "MIN_VISIBLE_PIXELS", "OUTER", "SAME_IOU", "View", "Views",
-    "erode_mask", "inner_box", "spread_cameras",
-]  # fmt: skip
-
 _COVERED_ALPHA = 0.5
 """Alpha above which a pixel shows Gaussians more than what is behind them, so that its feature is one of the scene."""
 

@@ -9,8 +9,6 @@ import numpy as np
 from ..core.arrays import Float32, Mask
 from .views import View, Views
 
-__all__ = ["MaskEvidence", "Votes", "count_votes", "undecided_by", "votes_of_known"]
-
 
 @dataclass(frozen=True)
 class MaskEvidence:

@@ -20,8 +20,6 @@ from ..core.visible_text import visible
 from .memory_budget import DECODING
 from .pixels import PhotoHeader, photo_errors
 
-__all__ = ["call_in_child", "call_within_bounds", "is_large", "limited_call", "reserved"]
-
 _MAX_BYTES_HERE = 512 << 20
 """Largest memory of a photo that is decoded in this process."""
 _CHILD_BYTES = 192 << 20

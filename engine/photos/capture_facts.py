@@ -13,8 +13,6 @@ from .exif import without_pillow_warnings
 from .pixels import opened_picture, photo_errors
 from .structure import MAX_EXIF_BYTES
 
-__all__ = ["exif_facts"]
-
 _LOG = logging.getLogger(__name__)
 _EXIF_IFD = 0x8769
 _TEXTS = {0x010F: "camera_make", 0x0110: "camera_model", 0x0131: "software"}

@@ -21,9 +21,6 @@ from ..core.arrays import Float32
 from .look import Look, area_reduced
 from .names import compared_stem
 
-__all__ = ["ComparedPhoto", "copies_among", "summary_of_copies"]
-
-
 _THUMB = 16
 """Side of the thumbnails by which pairs are preselected, in pixels."""
 _MIN_THUMB_CORRELATION = 0.95

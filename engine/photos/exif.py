@@ -15,8 +15,6 @@ from PIL import Image
 
 from .structure import MAX_EXIF_BYTES
 
-__all__ = ["UPRIGHT_TRANSPOSES", "capture_time", "focal_in_pixels", "orientation_of", "without_pillow_warnings"]
-
 _LOG = logging.getLogger(__name__)
 
 _ORIENTATION = 0x0112

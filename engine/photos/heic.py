@@ -12,8 +12,6 @@ from PIL import Image
 from ..core.errors import PhotoError
 from ..core.visible_text import visible
 
-__all__ = ["can_read_heic", "conversion_of_numbers", "require_heic_reader", "require_ordinary_colours"]
-
 _NUMBERS = "nclx_profile"
 """The name in pillow-heif for colours that are stated by numbers of ITU-T H.273."""
 

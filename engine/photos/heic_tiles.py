@@ -17,8 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-__all__ = ["load_heic"]
-
 _LOG = logging.getLogger(__name__)
 
 _FULL_RANGE = 2

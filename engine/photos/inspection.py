@@ -17,8 +17,6 @@ from ..scene import PhotoSet
 from .bounded import call_within_bounds
 from .pixels import open_photo, read_header, upright_with_alpha
 
-__all__ = ["PhotoStatistics", "inspect_photos", "look_at", "read_photo_statistics"]
-
 _MAX_SIDE = 256
 _MIN_EDGE = 0.03
 _SCHEMA = [{"name": str, "texture": float}]

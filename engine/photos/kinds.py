@@ -12,18 +12,6 @@ from ..scene import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES
 from .settings import VIDEO_SUFFIXES
 from .tiff import TIFF_STARTS, is_raw_tiff
 
-__all__ = [
-    "HEIC",
-    "PICTURES",
-    "SUFFIXES",
-    "VIDEO",
-    "has_suffix_of_picture",
-    "kind_of_file",
-    "kind_of_stream",
-    "live_photo_of",
-    "refusal_of",
-]
-
 HEIC, RAW, VIDEO = "HEIC", "raw", "video"
 SUFFIXES = {"JPEG": ".jpg", "PNG": ".png", "TIFF": ".tif", "WebP": ".webp", HEIC: ".heic", VIDEO: ".mp4"}
 """Usual suffix of the kinds that are read."""

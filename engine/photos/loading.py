@@ -30,9 +30,6 @@ from .pixels import (
     upright_with_alpha,
 )
 
-__all__ = ["load_pixels", "load_valid", "load_with_valid", "stored_orientation", "write_with_valid"]
-
-
 _MIN_ALPHA = 250
 """Smallest alpha of a valid pixel. Pixels with a smaller alpha are blended with the white background."""
 _EMPTY_MARGIN = 0.004

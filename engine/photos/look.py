@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from ..core.arrays import Float32, Pixels
 
-__all__ = ["Look", "LookBuilder", "area_reduced"]
-
 _SIDE = 192
 """Longest side of the reduced picture in pixels."""
 _CROP = 80

@@ -9,8 +9,6 @@ from pathlib import PurePosixPath
 from .look import Look
 from .names import compared_stem
 
-__all__ = ["masks_among", "summary_of_masks"]
-
 _FOLDER_OF_MASKS = re.compile(r"mask|matte|alpha|silhouette|segment|label", re.IGNORECASE)
 _MIN_TWO_VALUED = 0.99
 """Least share of the two most frequent colours of a picture that is a mask whatever its name is."""

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from ..core.errors import PhotoError
 from ..core.system import free_memory
 
-__all__ = ["DECODING", "MemoryBudget"]
-
 _SHARE_OF_FREE = 0.75
 """Share of the free memory that may be used for decoding."""
 _BYTES_WHERE_UNKNOWN = 4 << 30

@@ -11,8 +11,6 @@ from ..core.files import problem_of_inner_name
 from ..core.visible_text import visible
 from ..scene import READ_SUFFIXES
 
-__all__ = ["compared_stem", "problem_of_name", "require_utf8_folder", "stripped_of_mask_words"]
-
 _PICTURE_SUFFIX = re.compile(rf"({'|'.join(map(re.escape, sorted(READ_SUFFIXES)))})$", re.IGNORECASE)
 _MASK_WORD = r"(masks?|mattes?|alpha|silhouette|seg|segmentation|labels?)"
 _MASK_WORDS = re.compile(rf"^{_MASK_WORD}[-_. ]+|[-_. ]+{_MASK_WORD}$", re.IGNORECASE)

@@ -19,8 +19,6 @@ from ..scene import Photo, match_names
 from .loading import load_valid
 from .names import require_utf8_folder, stripped_of_mask_words
 
-__all__ = ["mask_files", "with_masks"]
-
 _MAX_NAMES_IN_WARNING = 5
 _SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"})
 _MASK_CHECK_SIDE = 1024

@@ -27,18 +27,6 @@ from .heic_tiles import load_heic
 from .kinds import HEIC, PICTURES, kind_of_stream, refusal_of
 from .structure import require_usual_structure
 
-__all__ = [
-    "MAX_PIXELS",
-    "PhotoHeader",
-    "open_photo",
-    "opened_picture",
-    "photo_errors",
-    "read_header",
-    "strips_of",
-    "upright_strips",
-    "upright_with_alpha",
-]
-
 _LOG = logging.getLogger(__name__)
 
 _FORMATS = {"JPEG": "JPEG", "PNG": "PNG", "TIFF": "TIFF", "WebP": "WEBP", HEIC: "HEIF"}

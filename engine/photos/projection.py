@@ -18,8 +18,6 @@ from PIL import Image
 from ..core.arrays import Float32
 from .exif import without_pillow_warnings
 
-__all__ = ["FISHEYE", "Circle", "circle_of", "fisheye_photos", "unusual_picture"]
-
 Circle = tuple[float, float, float]
 """Centre and radius as shares of the shorter side, the centre relative to that of the picture."""
 

@@ -33,8 +33,6 @@ from .projection import FISHEYE, Circle, circle_of, fisheye_photos, unusual_pict
 from .settings import PhotoSettings
 from .skipped_folders import is_skipped_folder
 
-__all__ = ["file_listing", "measure_photo", "picture_files", "read_photos"]
-
 _LOG = logging.getLogger(__name__)
 
 _STAGE = "photos"

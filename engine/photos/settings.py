@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 
 from ..core.settings import require
 
-__all__ = ["VIDEO_SUFFIXES", "PhotoSettings", "VideoSettings"]
-
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 """Files that count as videos."""
 

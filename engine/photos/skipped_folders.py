@@ -6,8 +6,6 @@ import os
 import stat
 from pathlib import Path
 
-__all__ = ["is_skipped_folder"]
-
 _SYSTEM_FOLDERS = frozenset({
     "__macosx", "@eadir", "@tmp", "@__thumb", "@recycle", "#recycle", "#snapshot", "@recently-snapshot", "@sharebin",
     "@synoresource", "$recycle.bin", "recycler", "system volume information", "lost+found", "found.000",

@@ -16,8 +16,6 @@ from ..core.files import mapped
 from ..core.visible_text import visible
 from .tiff import TIFF_STARTS, problem_of_layout, problem_of_parts
 
-__all__ = ["MAX_EXIF_BYTES", "require_usual_structure"]
-
 _MAX_JPEG_SEGMENTS = 5_000
 _MAX_JPEG_SCANS = 200
 """Largest number of scans and the tables between them. A progressive JPEG has about 10 scans."""

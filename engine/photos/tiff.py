@@ -10,8 +10,6 @@ import os
 from collections.abc import Iterator
 from typing import IO, Literal, NamedTuple
 
-__all__ = ["TIFF_STARTS", "is_raw_tiff", "problem_of_layout", "problem_of_parts"]
-
 TIFF_STARTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 _MAX_TAGS = 4_096

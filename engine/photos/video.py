@@ -21,8 +21,6 @@ from .settings import VIDEO_SUFFIXES, VideoSettings
 if TYPE_CHECKING:
     from cv2 import VideoCapture
 
-__all__ = ["extract_frames", "is_video"]
-
 STAGE = "frames"
 _SCHEMA = {"made_from": str, "settings": dict, "files": [str], "complete": bool}
 _FLOW_SIDE = 160  # motion is a share of the width, and a coarse picture shows it

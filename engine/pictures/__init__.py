@@ -10,11 +10,10 @@ if TYPE_CHECKING:
     from .clusters import find_clusters
     from .png import encode_png, write_png
     from .render import Subject, render_view, visible_masks
-    from .scene import Backend, Rendered, Scene
+    from .scene import Rendered, Scene
     from .webp import decode_picture, encode_picture
 
 __all__ = [
-    "Backend",
     "Rendered",
     "Scene",
     "Subject",

@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from ..core.arrays import Float32, normalized
 from ..masks.settings import INSTANCE_COSINE
 
-__all__ = ["cluster_colors", "find_clusters", "principal_colors"]
-
-
 _SAMPLE_SIZE = 3000
 """Features that are clustered, drawn by weight."""
 

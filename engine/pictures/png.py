@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from ..core.files import atomic_write
 
-__all__ = ["encode_png", "write_png"]
-
 
 def write_png(
     path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.bool_], *, description: str = ""

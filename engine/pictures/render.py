@@ -11,20 +11,11 @@ from numpy.typing import NDArray
 from ..core.arrays import Float32, normalized
 from ..core.errors import ObjectError, SettingsError
 from ..masks.settings import INSTANCE_COSINE
+from ..rasterizer.settings import Backend
 from ..scene import Camera, Gaussians, PinholeCamera
 from .clusters import cluster_colors, find_clusters, principal_colors
-from .png import write_png
-from .scene import Backend, Scene
+from .scene import Scene
 from .settings import VISIBLE_SHARE
-
-__all__ = [
-    "DEPTH_STEPS_PER_UNIT",
-    "Subject",
-    "click_mask",
-    "render_view",
-    "visible_masks",
-    "write_png",
-]
 
 DEPTH_STEPS_PER_UNIT = 1000
 """Grey values of a depth picture per unit of the normalised world. 0 means no surface, 65535 this depth or more."""

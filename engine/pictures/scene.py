@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from ..rasterizer import CachedView, GpuScene, Raster
 
-__all__ = ["Backend", "Rendered", "Scene"]
-
 _Result = TypeVar("_Result")
 
 _CHANNELS_PER_PASS = MAX_CHANNELS - 3

@@ -2,7 +2,5 @@
 
 from __future__ import annotations
 
-__all__ = ["VISIBLE_SHARE"]
-
 VISIBLE_SHARE = 0.5
 """Share of a pixel above which a set of Gaussians is what the pixel shows: no other set can contribute as much."""

@@ -7,8 +7,6 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["decode_picture", "encode_picture"]
-
 _EFFORT = 50
 """Of 0 to 100: more takes longer and saves little."""
 _METHOD = 4

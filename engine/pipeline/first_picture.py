@@ -23,8 +23,6 @@ from ..core.parts import part
 from ..scene import PhotoSet
 from ..training.settings import PRESETS, PREVIEW_FILE
 
-__all__ = ["MIN_PHOTOS", "FirstPicture", "make_first_picture"]
-
 _LOG = logging.getLogger(__name__)
 
 FOLDER = "first_picture"

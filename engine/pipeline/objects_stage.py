@@ -13,8 +13,6 @@ from ..project.folder import stage_key
 from ..rasterizer import PROCESSOR, Device
 from .runner import StageRunner
 
-__all__ = ["forget_found_objects", "objects_stage"]
-
 _FOUND_BY_PROMPT = "objects_by_prompt"
 """Name in ``project.json`` of what each prompt has found so far: a killed run continues after it.
 

@@ -23,6 +23,7 @@ from ..rasterizer import Device, choose_device
 from ..scene import PhotoSet
 from ..training.settings import LIGHT_SHARE
 from .first_picture import MIN_PHOTOS, FirstPicture
+from .objects_stage import objects_stage
 from .planning import (
     PlannedWork,
     PlanSettings,
@@ -39,19 +40,8 @@ from .planning import (
     update_calibration,
 )
 from .reconstruction_input import ReconstructionInput, store_input
-from .stages import (
-    STAGES,
-    StageRunner,
-    TrainingInput,
-    cameras_stage,
-    masks_stage,
-    objects_stage,
-    photos_stage,
-    report_stage,
-    training_stage,
-)
-
-__all__ = ["PipelineSettings", "reconstruct"]
+from .runner import StageRunner
+from .stages import STAGES, TrainingInput, cameras_stage, masks_stage, photos_stage, report_stage, training_stage
 
 
 @dataclass(frozen=True)

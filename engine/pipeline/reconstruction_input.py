@@ -17,8 +17,6 @@ from ..project.content import shown_objects
 from ..project.folder import PROJECT_FILE, ProjectFolder
 from ..training.settings import OFFERED_PRESETS
 
-__all__ = ["ReconstructionInput", "better_preset", "read_input", "repeat_arguments", "store_input", "texts_of_objects"]
-
 _NAME = "input"
 _SCHEMA = {
     "photos": str,

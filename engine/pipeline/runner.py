@@ -18,8 +18,6 @@ from ..core.system import PeakMemory, cpu_seconds
 from ..project.folder import ProjectFolder
 from ..project.provenance import describe_run
 
-__all__ = ["StageRunner", "parts_by_message"]
-
 _BEGUN = "begun"
 """Name in ``project.json`` of the stage that was begun last and its key: what it took is then not measured whole."""
 

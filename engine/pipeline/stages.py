@@ -28,21 +28,9 @@ from ..rasterizer import PROCESSOR, Device, device_words, run_on, training_stopp
 from ..scene import CameraSet, PhotoSet
 from ..training.settings import TrainingSettings
 from .first_picture import FirstPicture
-from .objects_stage import forget_found_objects, objects_stage
+from .objects_stage import forget_found_objects
 from .planning import ScenePlan
 from .runner import StageRunner, parts_by_message
-
-__all__ = [
-    "STAGES",
-    "StageRunner",
-    "TrainingInput",
-    "cameras_stage",
-    "masks_stage",
-    "objects_stage",
-    "photos_stage",
-    "report_stage",
-    "training_stage",
-]
 
 STAGES = ("photos", "cameras", "masks", "training", "objects", "report")
 

@@ -16,17 +16,6 @@ from ..scene import Camera, read_camera_set
 from .folder import PROJECT_FILE, ProjectFolder
 from .objects import RECORD_FILE, ObjectRecord, list_objects
 
-__all__ = [
-    "ProjectObject",
-    "default_project_folder",
-    "is_project",
-    "photo_camera",
-    "report_file",
-    "require_object",
-    "scene_file",
-    "shown_objects",
-]
-
 _ADVICE = "Isolate the object again."
 _MAX_TEXT = 1000
 """Characters of a text from a project that are kept in the .blend file."""

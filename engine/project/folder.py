@@ -35,8 +35,6 @@ from ..core.system import try_lock
 from ..core.visible_text import visible
 from .versions import PROJECT_SCHEMA, PROJECT_VERSION
 
-__all__ = ["PROJECT_FILE", "SCENE_OUTPUT", "ProjectFolder", "hold_mark", "stage_key"]
-
 PROJECT_FILE = "project.json"
 SCENE_OUTPUT = "gaussians/scene.ply"
 """Output of training that the objects refer to, as `ProjectFolder.recorded_outputs` names it."""

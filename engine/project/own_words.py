@@ -22,8 +22,6 @@ from ..core.files import read_after_change, read_versioned, stamp_of, write_json
 from ..core.words import normalised, similarly_spelt, singulars
 from .folder import PROJECT_FILE, ProjectFolder, hold_mark
 
-__all__ = ["Example", "OwnWords", "learns_words", "read_learning", "same_word", "set_learning"]
-
 _VERSION = 1
 _ADVICE = "Import a copy of it, or delete it to begin anew."
 _SCHEMA: dict[str, Any] = {

@@ -15,8 +15,6 @@ from .. import __version__
 from ..core.files import Schema, optional
 from ..core.system import CODE_ROOT, describe_system, run_text, usable_cores
 
-__all__ = ["RUN", "code_version", "describe_run", "software_versions"]
-
 RUN: Schema = {
     "finished": str,
     "software": {str: str},

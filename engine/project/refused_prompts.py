@@ -13,8 +13,6 @@ from ..core.errors import ProjectError, PromptError
 from ..core.files import delete_derived, optional, path_within, read_after_change, read_json, stamp_of
 from .content import is_project
 
-__all__ = ["Candidate", "NotFound", "Refusal", "dismiss", "read_not_found", "read_offer"]
-
 _FILE = ("objects", "candidates.json")
 _SCHEMA = {
     "refused": [

@@ -5,8 +5,6 @@ from __future__ import annotations
 from ..core.files import FILE_RECORD, Schema, optional
 from .provenance import RUN
 
-__all__ = ["PROJECT_SCHEMA", "PROJECT_VERSION"]
-
 PROJECT_VERSION = 1
 """Increased by a release whose projects earlier ones cannot read; see `engine.core.files.read_versioned`."""
 

@@ -16,8 +16,6 @@ from .settings import MAX_CHANNELS, Backend, RasterSettings
 if TYPE_CHECKING:
     from .gpu import GpuScene
 
-__all__ = ["rasterize", "scene_on_card"]
-
 
 def rasterize(
     means: torch.Tensor,

@@ -53,8 +53,6 @@ from .simd_pixels import load_pixels4, store_sums4
 from .threads import Share, take_range
 from .tile_spans import TILE
 
-__all__ = ["MOMENTS_SIZE", "blend_tiles_backward"]
-
 f4 = np.float32
 
 MOMENTS_SIZE = 8

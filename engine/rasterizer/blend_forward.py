@@ -48,22 +48,6 @@ from .simd_pixels import store_pixels4
 from .threads import Share, take_range
 from .tile_spans import LIMIT_MARGIN, TILE
 
-__all__ = [
-    "PREFETCH_DISTANCE",
-    "BATCH_SIZE",
-    "GEOMETRY_SIZE",
-    "TILES_PER_RANGE",
-    "blend_tiles",
-    "cover",
-    "lane_x",
-    "lane_y",
-    "list_block_gaussians",
-    "longest_list",
-    "whitened_offsets",
-    "prefetch_block",
-    "prefetch_colors",
-]
-
 f4 = np.float32
 
 BATCH_SIZE = 64

@@ -17,8 +17,6 @@ from .raster import check_camera, check_finite
 from .settings import MAX_CHANNELS, RasterSettings
 from .tile_spans import TILE
 
-__all__ = ["CachedView"]
-
 
 class CachedView:
     """The projection of N Gaussians to a camera, which renders any channels without projecting and sorting again.

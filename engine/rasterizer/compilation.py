@@ -17,8 +17,6 @@ from .projection import Projected
 from .settings import RasterSettings
 from .tiles import TileLists
 
-__all__ = ["compile_backward", "compile_forward", "garbage_collection_paused"]
-
 _CAMERA = PinholeCamera(np.eye(4), np.array([[20.0, 0, 8], [0, 20, 8], [0, 0, 1]]), 16, 16)
 
 

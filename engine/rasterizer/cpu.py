@@ -37,16 +37,6 @@ from .settings import RasterSettings
 from .threads import Share, run_shared
 from .tiles import TileLists, make_tile_lists
 
-__all__ = [
-    "View",
-    "blend_view",
-    "gaussian_gradients",
-    "padded_channels",
-    "pair_gradients",
-    "project_view",
-    "rasterize_cpu",
-]
-
 
 @dataclass
 class View:

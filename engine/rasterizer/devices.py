@@ -13,18 +13,6 @@ from ..core.parts import part
 from ..core.system import card_memory
 from .settings import DeviceName
 
-__all__ = [
-    "PROCESSOR",
-    "Device",
-    "choose_device",
-    "describe_cards",
-    "device_words",
-    "fallback",
-    "look_for_card",
-    "run_on",
-    "training_stopped",
-]
-
 _Result = TypeVar("_Result")
 
 _CARD_SECONDS = 60.0

@@ -10,8 +10,6 @@ from .jit import INNER, JIT
 from .llvm import LANES
 from .simd import any_of, load, splat
 
-__all__ = ["all_finite", "rows_finite"]
-
 
 @njit(**INNER)
 def _range_finite(values: NDArray[np.float32], start: int, stop: int) -> bool:

@@ -19,8 +19,6 @@ import numba  # noqa: E402
 
 from ..core.system import takes_path  # noqa: E402
 
-__all__ = ["INNER", "JIT", "LONGEST_PATH", "cache_folder"]
-
 _log = logging.getLogger(__name__)
 
 LONGEST_PATH = PurePath("rasterizer_" + "0" * 40, "x" * 120)

@@ -8,26 +8,6 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils
 
-__all__ = [
-    "F32",
-    "I1",
-    "I32",
-    "I64",
-    "LANES",
-    "V16B",
-    "V16F",
-    "V16I",
-    "V4F",
-    "broadcast",
-    "constant",
-    "element_pointer",
-    "fused_multiply_add",
-    "int_constant",
-    "load_unaligned",
-    "shuffle",
-    "store_unaligned",
-]
-
 LANES = 16
 """Number of values in a vector: one AVX-512 register of float32, and the 4x4 pixels that are blended together. LLVM
 splits it into smaller registers on other processors."""

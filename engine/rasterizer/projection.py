@@ -38,33 +38,6 @@ from .spherical_harmonics import sh_basis
 from .threads import Share, take_range
 from .tile_spans import MAX_STORED_ROWS, walk_tiles
 
-__all__ = [
-    "CULLED_DEGENERATE",
-    "CULLED_NEAR",
-    "CULLED_OUTSIDE",
-    "CULLED_TRANSPARENT",
-    "FX",
-    "FY",
-    "GAUSSIANS_PER_RANGE",
-    "LOW_PASS",
-    "ROOT_SCALE",
-    "TAN_X_MAX",
-    "TAN_X_MIN",
-    "TAN_Y_MAX",
-    "TAN_Y_MIN",
-    "VISIBLE",
-    "Projected",
-    "pack_camera",
-    "camera_point",
-    "covariance",
-    "linearise",
-    "project_gaussians",
-    "rotation_matrix",
-    "screen_axes",
-    "viewing_direction",
-]
-
-
 VISIBLE, CULLED_NEAR, CULLED_DEGENERATE, CULLED_TRANSPARENT, CULLED_OUTSIDE = 0, 1, 2, 3, 4
 """States of a Gaussian: visible, or the reason why it was culled, see `CulledCounts`."""
 

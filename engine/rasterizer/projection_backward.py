@@ -44,8 +44,6 @@ from .simd import item, prefetch
 from .spherical_harmonics import sh_basis, sh_basis_gradient
 from .threads import Share, take_range
 
-__all__ = ["project_gaussians_backward"]
-
 
 @njit(**INNER)
 def _quaternion_gradient(

@@ -12,8 +12,6 @@ from ..scene import PinholeCamera
 from .finite import all_finite
 from .settings import RasterSettings
 
-__all__ = ["CulledCounts", "Raster", "RasterInputs", "check_camera", "check_finite", "input_tensors"]
-
 
 @dataclass(frozen=True)
 class RasterInputs:

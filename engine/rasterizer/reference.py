@@ -25,8 +25,6 @@ from .settings import (
     RasterSettings,
 )
 
-__all__ = ["evaluate_sh", "project_centres", "project_covariances", "rasterize_reference"]
-
 CHUNK_SIDE = 32
 """Side in pixels of the squares that are rendered one after another. It bounds the memory of the autograd graph."""
 

@@ -10,23 +10,6 @@ from typing import Literal
 
 from ..core.settings import require
 
-__all__ = [
-    "ALPHA_MAX",
-    "ALPHA_MIN",
-    "COV_MAX",
-    "DET_MIN",
-    "DIRECTION_NORM_MIN",
-    "INVERSE_ALPHA_MIN",
-    "JACOBIAN_MARGIN",
-    "MAX_CHANNELS",
-    "QUAT_NORM2_MIN",
-    "RADIUS_SIGMAS",
-    "T_MIN",
-    "Backend",
-    "DeviceName",
-    "RasterSettings",
-]
-
 Backend = Literal["cpu", "gpu", "reference"]
 """Implementations of `engine.rasterizer.rasterize`."""
 

@@ -35,29 +35,6 @@ from .llvm import (
     store_unaligned,
 )
 
-__all__ = [
-    "Vec",
-    "all_bits",
-    "any_of",
-    "exp2_negative",
-    "fma",
-    "item",
-    "lanes",
-    "minimum_with",
-    "load",
-    "load_bit",
-    "maximum",
-    "minimum",
-    "negative",
-    "negative_abs",
-    "prefetch",
-    "put",
-    "put_selected",
-    "select",
-    "splat",
-    "store",
-]
-
 Vec = Any
 """Vector of 16 floats, in signatures. A type checker cannot describe Numba's type of it."""
 

@@ -15,8 +15,6 @@ from numba.extending import intrinsic
 from .llvm import I64, LANES, V4F, V16F, element_pointer, load_unaligned, shuffle, store_unaligned
 from .simd import vec
 
-__all__ = ["load_pixels4", "store_pixels4", "store_sums4"]
-
 
 def _transpose4(builder: Any, rows: Sequence[Any]) -> list[Any]:
     """Transpose the 4x4 matrix that each group of 4 lanes of four vectors forms (1 or 4 groups)."""

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from .jit import INNER
 
-__all__ = ["sh_basis", "sh_basis_gradient"]
-
 _C0 = 0.5 / math.sqrt(math.pi)
 _C1 = math.sqrt(3.0 / (4.0 * math.pi))
 _C2 = 0.5 * math.sqrt(15.0 / math.pi)

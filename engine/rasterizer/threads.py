@@ -26,8 +26,6 @@ from numpy.typing import NDArray
 from ..core.system import usable_cores
 from .jit import INNER
 
-__all__ = ["Share", "n_usable_cores", "new_counters", "run_shared", "take_range"]
-
 T = TypeVar("T")
 
 _CACHE_LINE = 8

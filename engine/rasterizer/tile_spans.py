@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from .jit import INNER
 
-__all__ = ["LIMIT_MARGIN", "MAX_STORED_ROWS", "TILE", "walk_tiles"]
-
 TILE = 16
 """Side of a tile in pixels. A tile consists of 16 blocks of 4x4 pixels, one block for each lane of a vector."""
 

@@ -17,8 +17,6 @@ from .simd import item, put
 from .threads import Share, run_shared, take_range
 from .tile_spans import MAX_STORED_ROWS, TILE, walk_tiles
 
-__all__ = ["TileLists", "make_tile_lists"]
-
 
 @dataclass(frozen=True)
 class TileLists:

@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 from ..core.arrays import Float64
 from .camera_health import CameraHealth
 
-__all__ = ["MAX_COORDINATE", "Camera", "CameraSet", "Lens", "PinholeCamera", "similarity_scale"]
-
-
 MAX_COORDINATE = 1e15
 """Largest coordinate, and entry of a matrix. Georeferenced scenes have 1e7; beyond 1e19, squares overflow float32."""
 _NEAREST = 1e-6

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-__all__ = ["HEALTH_COLOURS", "CameraHealth", "HealthColour"]
-
 HealthColour = Literal["green", "yellow", "red"]
 HEALTH_COLOURS: tuple[str, ...] = get_args(HealthColour)
 

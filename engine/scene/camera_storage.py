@@ -20,8 +20,6 @@ from .camera_health import HEALTH_COLOURS, CameraHealth
 from .lens import lens_problem
 from .photo_storage import photo_name, size_problem
 
-__all__ = ["camera_problem", "read_camera_set", "write_camera_set"]
-
 _VERSION = 1
 _CAMERAS, _POINTS = "cameras.json", "points.npz"
 _SCHEMA = {

@@ -13,8 +13,6 @@ from ..core.errors import FormatError
 from ..core.files import ArraySpec, atomic_write, object_file, read_arrays
 from .gaussians import Gaussians
 
-__all__ = ["Detailed", "load_detailed", "save_detailed"]
-
 _DETAIL = "detail.npz"
 _ROWS, _TRAINED_MEANS, _PARENTS = "rows", "trained_means", "parents"
 _VALUES = ("means", "log_scales", "quats", "opacity_logits", "sh")

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from .camera import CameraSet
 from .gaussians import Gaussians
 
-__all__ = ["box_of", "far_gaussians", "foot_of"]
-
 _TAILS = (0.01, 0.99)
 """Quantiles of the positions that count as the ends of an object."""
 _NEAR_SHARE = 0.99

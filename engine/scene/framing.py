@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["looked_at"]
-
 
 def looked_at(viewmats: NDArray[np.float64]) -> tuple[list[float], float]:
     """Return the point nearest to all optical axes, and the median distance of the cameras from it.

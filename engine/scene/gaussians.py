@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from ..core.arrays import Float32
 from ..core.errors import ObjectError
 
-__all__ = ["FEATURE_DIM", "Gaussians"]
-
 FEATURE_DIM = 16
 """Length of the segmentation feature of a Gaussian (Dahaghin et al. 2024)."""
 

@@ -25,8 +25,6 @@ from ..core.arrays import Float64
 from ..core.errors import CameraError
 from .camera import Camera, Lens
 
-__all__ = ["MAX_LENS_PARAMETER", "focal_and_center", "lens_pixels", "lens_problem", "photo_pixels"]
-
 _Distortion = Callable[[Float64, Float64, Sequence[float]], tuple[Float64, Float64]]
 
 _TURNING_POINT_ANGLES = 65

@@ -17,15 +17,6 @@ import numpy as np
 from ..core.arrays import Float64
 from .camera import MAX_COORDINATE, CameraSet, similarity_scale
 
-__all__ = [
-    "ExportFrame",
-    "MeasuredDistance",
-    "Measurement",
-    "Point",
-    "export_frame",
-    "measurement_problem",
-]
-
 Point = tuple[float, float, float]
 """A position in the normalised world."""
 

@@ -9,8 +9,6 @@ from ..core.errors import FormatError, SettingsError
 from ..core.files import delete_derived, file_sha256, optional, path_within, read_versioned, write_json
 from .measurement import MeasuredDistance, Measurement, Point, measurement_problem
 
-__all__ = ["delete_measurement", "load_measurement", "save_measurement"]
-
 _VERSION = 1
 _FILE = "measurement.json"
 _POINT = [float]

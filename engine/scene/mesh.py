@@ -8,8 +8,6 @@ import numpy as np
 
 from ..core.arrays import Float32, Float64, Int32, Mask, Pixels
 
-__all__ = ["Mesh"]
-
 
 @dataclass(frozen=True)
 class Mesh:

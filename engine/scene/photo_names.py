@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from urllib.parse import unquote
 
-__all__ = ["OTHER_SUFFIXES", "RAW_SUFFIXES", "READ_SUFFIXES", "NameMatches", "match_names", "photos_called"]
-
 READ_SUFFIXES = frozenset(
     {".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif", ".hif"}
 )

@@ -10,8 +10,6 @@ from ..core.errors import FormatError
 from ..core.files import optional, problem_of_inner_name, read_versioned, write_json
 from .photo import Photo, PhotoSet, RejectedPhoto
 
-__all__ = ["MAX_PHOTO_SIDE", "photo_name", "read_photo_set", "size_problem", "write_photo_set"]
-
 _VERSION = 1
 _PHOTO = {
     "name": str,

@@ -20,9 +20,6 @@ from .lens import focal_and_center, photo_pixels
 from .measurement import Point
 from .rotations import rotations_from_quats
 
-__all__ = ["RayCaster", "RayHits", "photo_ray", "surface_point"]
-
-
 _ALPHA_MIN, _ALPHA_MAX = 1.0 / 255.0, 0.99  # Kerbl 2023
 """Of a Gaussian at a place: not drawn below, never more; as in the rasterizer."""
 _NEAREST = 1e-6

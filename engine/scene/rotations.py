@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from ..core.arrays import Float64
 
-__all__ = ["rotations_from_quats", "unit_quats"]
-
 _Float = TypeVar("_Float", np.float32, np.float64)
 
 

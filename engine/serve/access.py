@@ -19,17 +19,6 @@ from .streams import Streams
 from .transfers import Transfers
 from .unfinished import Uploads
 
-__all__ = [
-    "CLAIM",
-    "CurrentProject",
-    "CurrentUser",
-    "Server",
-    "current_user",
-    "server_of",
-    "session_cookie",
-    "set_session",
-]
-
 _CSRF_HEADER = "x-csrf-token"
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _DAY = 86400

@@ -18,8 +18,6 @@ from pathlib import Path
 from ..core.errors import SettingsError
 from ..core.files import atomic_write, read_bytes, read_json, write_json
 
-__all__ = ["LOCAL_USER", "Accounts"]
-
 LOCAL_USER = "local"
 """The only user of a server that other computers cannot reach."""
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")

@@ -33,8 +33,6 @@ from .streams import Streams
 from .tidying import tidy_up
 from .unfinished import TooManyUploads, Uploads
 
-__all__ = ["PAGE", "create_app"]
-
 _LOG = logging.getLogger(__name__)
 PAGE = Path(__file__).with_name("page") / "dist"
 """The built page."""

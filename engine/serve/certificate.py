@@ -15,8 +15,6 @@ from ..core.files import atomic_write, read_bytes
 if TYPE_CHECKING:
     from cryptography.x509 import GeneralName
 
-__all__ = ["certificate_files"]
-
 _DAYS = 825
 """The longest time for which all browsers accept such a certificate."""
 _RENEW_DAYS = 30

@@ -7,8 +7,6 @@ from pathlib import Path
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
 
-__all__ = ["file_answer"]
-
 _KEPT = {"Cache-Control": "private, no-cache"}
 
 

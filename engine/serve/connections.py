@@ -17,8 +17,6 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from .settings import ServeSettings
 
-__all__ = ["BACKLOG", "Connections", "Listener", "Protocol"]
-
 BACKLOG = 16
 """Connections that are accepted in a turn of the event loop. A request is read some turns after its connection was
 accepted; few others are accepted meanwhile, so that it does not have to make room."""

@@ -22,8 +22,6 @@ from .trash import TrashItem
 from .videos import describe_videos
 from .word_models import describe_offer
 
-__all__ = ["describe_object", "describe_project", "describe_removed", "has_scene", "summarise_project"]
-
 
 def summarise_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
     """Return what a list of projects shows."""

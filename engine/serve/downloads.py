@@ -15,8 +15,6 @@ from ..project.objects import MUSEUM_RECORD_FILE, RECORD_FILE
 from .engine_call import call_engine
 from .library import NotFound, WebProject
 
-__all__ = ["DOWNLOADS", "DownloadFormat", "download_name", "export", "export_path"]
-
 DOWNLOADS = tuple(
     one for one in FORMATS if one.write is not None or one.is_page or (one.write_mesh is not None and not one.beside)
 )

@@ -10,8 +10,6 @@ from ..core.errors import HeritageError, ProjectError
 from ..core.events import ignore_events
 from ..workers.jobs import EngineRun
 
-__all__ = ["call_engine"]
-
 _LOG = logging.getLogger(__name__)
 _MAX_SECONDS = 600
 

@@ -13,8 +13,6 @@ import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
-__all__ = ["Feeds"]
-
 _HEARTBEAT_SECONDS = 15.0
 """A comment after this pause tells proxies and the server whether the browser is still there."""
 

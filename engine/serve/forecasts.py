@@ -11,8 +11,6 @@ from .engine_call import call_engine
 from .library import WebProject
 from .settings import ServeSettings
 
-__all__ = ["forecast_of_presets", "kept_forecast"]
-
 _SCHEMA = {"seconds": {str: [float]}}
 _NAME = "forecast-{}.json"
 

@@ -17,8 +17,6 @@ from .access import CLAIM
 from .connections import Connections
 from .settings import ServeSettings
 
-__all__ = ["TUS_VERSION", "UPLOADS", "RequestLimits", "SecurityHeaders"]
-
 Message = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]

@@ -9,8 +9,6 @@ from http import HTTPStatus
 from ..core.errors import EnvironmentProblem
 from .settings import ServeSettings
 
-__all__ = ["check_server"]
-
 _HOST = "127.0.0.1"
 _PATH = "/api/v1/session"
 _SECONDS = 8.0

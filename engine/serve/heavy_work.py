@@ -17,8 +17,6 @@ from .reports import is_current, make_report
 from .settings import ServeSettings
 from .small_photos import kept_small_photo, small_photo
 
-__all__ = ["HeavyWork"]
-
 _Made = TypeVar("_Made")
 _PICTURES = 2
 """Photos that are decoded at a time."""

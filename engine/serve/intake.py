@@ -18,8 +18,6 @@ from .settings import PHOTO_TYPES, ServeSettings
 from .small_photos import copies_of, write_small_photo
 from .writers import only_writer
 
-__all__ = ["is_video", "is_video_name", "photo_name", "take_in_photo", "take_in_video"]
-
 _MAX_NAME = 120
 """Bytes of a stored name, so that the files that are named after it have room for their suffixes."""
 _UNSAFE = re.compile(r"[^\w.() -]+")

@@ -12,8 +12,6 @@ from pathlib import Path
 
 from ..workers.jobs import Job
 
-__all__ = ["interrupted_jobs"]
-
 _MAX_KILLED = 3
 """A job that was killed this often in a row may be what ends the container, and is left to the user."""
 

@@ -21,8 +21,6 @@ from .feeds import Feeds
 from .interrupted import interrupted_jobs
 from .library import PROJECT, WebProject
 
-__all__ = ["JobQueue", "JobView"]
-
 _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
 _STOP_SECONDS = 30.0

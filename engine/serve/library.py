@@ -18,8 +18,6 @@ from .small_photos import copies_of
 from .trash import Trash, TrashItem
 from .writers import only_writer
 
-__all__ = ["PROJECT", "Library", "NotFound", "WebProject", "free_name"]
-
 PROJECT = "project"
 _INFO, _HASHES = "info.json", "hashes.json"
 _SCHEMA = {"title": str, "created": str}

@@ -14,8 +14,6 @@ from starlette.datastructures import Headers
 
 from ..core.files import read_bytes
 
-__all__ = ["PageFiles"]
-
 _MAX_BYTES = 1 << 25
 _COMPRESSED = (".js", ".css", ".html", ".txt")
 

@@ -14,8 +14,6 @@ from ..project.objects import RECORD_FILE
 from .engine_call import call_engine
 from .library import NotFound, WebProject
 
-__all__ = ["is_current", "make_report", "report_response"]
-
 _STAMP = "report.json"
 _SCHEMA = {"made_from": str}
 

@@ -19,8 +19,6 @@ from .certificate import certificate_files
 from .connections import BACKLOG, Listener, Protocol
 from .settings import ServeSettings
 
-__all__ = ["run_server"]
-
 _LOCAL_HOSTS = ["127.0.0.1", "localhost"]
 _SHUTDOWN_SECONDS = 5
 

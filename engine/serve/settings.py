@@ -7,8 +7,6 @@ from pathlib import Path
 
 from ..rasterizer.settings import DeviceName
 
-__all__ = ["PHOTO_TYPES", "ServeSettings"]
-
 PHOTO_TYPES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
 """Suffixes of files that are accepted; the content decides whether a file is a picture."""
 

@@ -16,8 +16,6 @@ from ..project.content import scene_file
 from ..project.objects import load_membership
 from ..scene import Camera, photo_pixels, read_camera_set
 
-__all__ = ["best_place"]
-
 _CELLS = 96  # by definition
 """Cells along the longest side of a photo in which the nearest Gaussian is looked for."""
 _BEHIND = 1.1

@@ -10,16 +10,6 @@ from numpy.typing import NDArray
 from ..core.errors import FormatError
 from ..core.files import atomic_write
 
-__all__ = [
-    "LARGE_SIDE",
-    "SMALL_SIDE",
-    "copies_of",
-    "kept_small_photo",
-    "small_photo",
-    "write_jpeg",
-    "write_small_photo",
-]
-
 SMALL_SIDE = 320
 """Pixels of the longest side in lists."""
 LARGE_SIDE = 1600

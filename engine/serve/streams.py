@@ -18,8 +18,6 @@ from .feeds import Feeds
 from .library import WebProject
 from .settings import ServeSettings
 
-__all__ = ["Streams"]
-
 _MAX_DIGITS = 20
 _DISPLACED = "event: displaced\ndata: {}\n\n"
 

@@ -8,8 +8,6 @@ from pydantic import AfterValidator
 
 from ..core.visible_text import visible
 
-__all__ = ["Line", "Lines"]
-
 
 def _one_line(text: str) -> str:
     if visible(text) != text:

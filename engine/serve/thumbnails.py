@@ -14,8 +14,6 @@ from ..project.objects import RECORD_FILE, read_record
 from .library import NotFound, WebProject
 from .small_photos import LARGE_SIDE, write_jpeg
 
-__all__ = ["object_thumbnail"]
-
 _Box: TypeAlias = tuple[float, float, float, float]
 """Left and top edge, width and height in pixels."""
 

@@ -9,8 +9,6 @@ from .library import WebProject
 from .trash import Trash
 from .writers import only_writer
 
-__all__ = ["tidy_up"]
-
 
 async def tidy_up(server: Server) -> None:
     """Delete unfinished uploads that nobody continued, and what was removed before ``trash_days``.

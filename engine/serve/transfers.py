@@ -10,8 +10,6 @@ from anyio import CapacityLimiter
 
 from .unfinished import Upload
 
-__all__ = ["Transfers"]
-
 _WRITERS, _CHECKERS = 4, 1
 """Threads that write parts, and that check complete files: decoding a photo takes memory. Others answer requests."""
 

@@ -11,8 +11,6 @@ from ..core.errors import DiskError
 from ..core.files import bytes_of, delete_derived, is_inner_name
 from ..core.system import name_in_order, replace_file
 
-__all__ = ["Trash", "TrashItem"]
-
 _DAY = 86400
 _sizes: dict[Path, int] = {}
 """Bytes of each item that was measured: nothing changes in the trash."""

@@ -24,8 +24,6 @@ from ..core.errors import DiskError, HeritageError
 from ..core.files import delete_derived, read_json, write_json, write_problem
 from .settings import ServeSettings
 
-__all__ = ["TooManyUploads", "Upload", "Uploads"]
-
 _LOG = logging.getLogger(__name__)
 _SCHEMA = {"project": str, "filename": str, "size": int, "sha256": str}
 _ID = re.compile(r"[0-9a-f]{32}")

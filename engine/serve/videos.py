@@ -10,8 +10,6 @@ from ..core.files import bytes_of
 from ..workers.jobs import Job
 from .library import WebProject
 
-__all__ = ["describe_videos", "frames_arguments"]
-
 _KIND = "frames"
 
 

@@ -8,8 +8,6 @@ from ..core.errors import ModelFileError
 from ..install.models import find_model_files, models_folder
 from .settings import ServeSettings
 
-__all__ = ["describe_offer"]
-
 _REFUSAL = (
     "The owner of this server fetches the model that knows any word: python -m engine models fetch {}. Then ask again."
 )

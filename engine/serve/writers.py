@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from weakref import WeakValueDictionary
 
-__all__ = ["only_writer"]
-
 
 class _Lock:
     """A lock that one thread may take several times."""

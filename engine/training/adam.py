@@ -14,8 +14,6 @@ from ..core.arrays import Float32
 from ..core.errors import NumericalError
 from ..rasterizer import JIT, Share, all_finite, new_counters, run_shared, take_range
 
-__all__ = ["BETAS", "EPS", "LARGEST_STEP", "MAX_REFUSED_STEPS", "AdamState", "adam_step"]
-
 BETAS, EPS = (0.9, 0.999), 1e-15
 """Decay of the running means of the gradient and of its square, and what is added to the denominator."""
 

@@ -22,9 +22,6 @@ from .settings import TrainingSettings
 from .start import initial_values
 from .views import TrainingView, scene_extent
 
-__all__ = ["background_gaussians"]
-
-
 RADIUS = 30.0  # chosen on sakharov_statue32
 """Radius of the sphere around the mean camera, per extent: no parallax between the cameras, within reach of float32."""
 

@@ -14,8 +14,6 @@ from typing import Any
 from ..core.settings import to_dict
 from .settings import DEFAULT_PRESET, PRESETS, TrainingSettings
 
-__all__ = ["CARD_SIZES", "CardSizes", "key_values", "preset_on_card", "settings_with_sizes", "sizes_on_card"]
-
 _NOTHING: Mapping[str, int] = MappingProxyType({})
 
 _ROUNDED_TO = 10_000

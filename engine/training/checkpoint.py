@@ -31,19 +31,6 @@ from .settings import TrainingSettings
 from .trials import Trial
 from .views import TrainingView
 
-__all__ = [
-    "CHECKPOINT_FILE",
-    "RunState",
-    "continues",
-    "delete_old_runs",
-    "latest_run",
-    "read_checkpoint",
-    "read_progress",
-    "read_state",
-    "run_key",
-    "write_checkpoint",
-]
-
 CHECKPOINT_FILE = "training.npz"
 VERSION = 4
 """Version of the format, part of the key of a run."""

@@ -24,8 +24,6 @@ from ..rasterizer import (
 from .adam import AdamState, adam_step
 from .losses import photometric_loss
 
-__all__ = ["compile_kernels", "compile_second_half"]
-
 _log = logging.getLogger(__name__)
 
 

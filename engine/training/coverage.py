@@ -12,8 +12,6 @@ from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import PinholeCamera
 from .parameters import render
 
-__all__ = ["WELL_SEEN", "Coverage", "reduced_camera"]
-
 WELL_SEEN = 3
 """Number of training photos from which a place counts as well seen: two determine its depth, a third confirms it."""
 

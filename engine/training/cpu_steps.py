@@ -14,8 +14,6 @@ from .step import step_loss
 from .steps import Inputs, error_levels
 from .views import Level
 
-__all__ = ["CpuSteps"]
-
 
 class CpuSteps:
     """See `steps.Steps`. The numbers are always in the state."""

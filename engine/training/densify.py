@@ -16,20 +16,6 @@ from .population import Population
 from .start import StartPoints
 from .views import Level
 
-__all__ = [
-    "MAX_RAISED_OPACITY",
-    "MAX_WALK",
-    "copy_correction",
-    "drop",
-    "gaussian_errors",
-    "grow",
-    "grow_by_error",
-    "mixed_weights",
-    "position_noise",
-    "relocate",
-    "split",
-]
-
 MAX_COPIES = 51  # Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
 

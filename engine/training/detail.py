@@ -38,8 +38,6 @@ from .guards import backward, step_finite_rows
 from .losses import Target, photometric_loss
 from .parameters import Parameters
 
-__all__ = ["DetailSteps", "train_detail"]
-
 _FINAL_RATE_FACTOR = 0.1  # chosen on museum_room
 """Learning rate at the end, relative to the first step. The rates fall exponentially."""
 

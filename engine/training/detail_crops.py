@@ -17,8 +17,6 @@ from ..core.arrays import Float32, Mask, Pixels
 from ..rasterizer import n_usable_cores
 from ..scene import PinholeCamera
 
-__all__ = ["DetailCrop", "DetailPlan", "Levels", "tiles"]
-
 _COARSE = 0.25  # chosen on museum_room
 """Share of the steps, the first ones, that compare whole crops, in which far displacements are seen."""
 

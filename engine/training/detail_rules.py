@@ -13,17 +13,6 @@ from ..core.arrays import Float32
 from ..scene import Gaussians, PinholeCamera
 from .parameters import Parameters
 
-__all__ = [
-    "ALONE_WEIGHT",
-    "COVERAGE_WEIGHT",
-    "KEPT_WEIGHT",
-    "LEARNING_RATES",
-    "ObjectLimits",
-    "median_scale",
-    "reach_of",
-    "rows_in_window",
-]
-
 COVERAGE_WEIGHT = 0.3  # chosen on museum_room
 """Weight of the coverage's L1 distance relative to the photometric loss."""
 

@@ -19,17 +19,6 @@ from ..scene import Gaussians
 from .adam import MAX_REFUSED_STEPS
 from .parameters import Parameters
 
-__all__ = [
-    "ADVICE",
-    "LIMITS",
-    "backward",
-    "check_result",
-    "check_start",
-    "clamp_parameters",
-    "step_finite_rows",
-    "translate_out_of_memory",
-]
-
 LIMITS = ("scales_at_limit", "opacities_at_limit")
 """Counts of values that were clamped to a limit of the method, once per Gaussian and step. The gradients keep pushing
 against such a limit, so these counts are large."""

@@ -21,20 +21,6 @@ from .losses import ssim
 from .parameters import render
 from .views import Level, TrainingView
 
-__all__ = [
-    "MAX_MEASURED_PHOTOS",
-    "Clock",
-    "CurvePoint",
-    "Quality",
-    "flat_psnr",
-    "image_quality",
-    "mean_color",
-    "mean_quality",
-    "measure",
-    "render_picture",
-    "write_picture",
-]
-
 MAX_MEASURED_PHOTOS = 8
 """Largest number of photos, evenly spaced, that the error is measured on."""
 

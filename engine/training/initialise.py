@@ -21,8 +21,6 @@ from ..core.events import Emit, Warned, ignore_events
 from ..formats import SH_C0
 from ..scene import Gaussians, PinholeCamera, unit_quats
 
-__all__ = ["InitialValues", "gaussians_at", "gaussians_from_points", "initial_features", "points_in_view"]
-
 logger = logging.getLogger(__name__)
 
 FeatureInit = Literal["unit", "paper"]

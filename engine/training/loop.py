@@ -35,8 +35,6 @@ from .transients import find_transients
 from .trials import Trial, brightness_factors, exposure_corrected_quality
 from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
 
-__all__ = ["train"]
-
 STAGE = "training"
 
 CANCELLED_MESSAGE = "Training was cancelled; the next run continues from where it stopped."

@@ -9,8 +9,6 @@ from typing import Any
 from ..core.errors import SettingsError
 from .settings import TrainingSettings
 
-__all__ = ["read_overrides", "settable_names"]
-
 _OWN_OPTION = {"backend": "--device", "train_features": "--no-objects", "transients": "--transients"}
 """Settings that have an option of their own, which decides more than the setting."""
 

@@ -14,8 +14,6 @@ from ..scene import Gaussians, PinholeCamera
 from .adam import AdamState, adam_step
 from .settings import FeatureSettings
 
-__all__ = ["NAMES", "Parameters", "blended_features", "render"]
-
 NAMES = ("means", "log_scales", "quats", "opacity_logits", "sh_dc", "sh_rest", "features")
 
 

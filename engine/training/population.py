@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 import torch
 
-__all__ = ["Population"]
-
 
 class Population:
     """N Gaussians without colours and features, which `densify` relocates and adds to as to `Parameters`.

@@ -22,8 +22,6 @@ from .settings import TrainingSettings
 from .trials import brightness_factors
 from .views import Level, ViewPyramid, evenly_spaced_indices, load_views
 
-__all__ = ["MeasuredQuality", "gaussians_so_far", "measure_levels", "measure_quality"]
-
 BRIGHT = 40.0 / 255.0
 """Brightness of a photo's pixel from which a picture of less than half of it counts as dark."""
 

@@ -14,8 +14,6 @@ from .quality import MeasuredQuality
 from .schedule import Schedule
 from .settings import TrainingSettings
 
-__all__ = ["TrainingResult", "make_result"]
-
 
 @dataclass(frozen=True)
 class TrainingResult:

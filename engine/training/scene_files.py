@@ -15,8 +15,6 @@ from ..core.files import ArraySpec, atomic_write, read_array, replace_together
 from ..formats import read_ply, write_ply
 from ..scene import Gaussians
 
-__all__ = ["FEATURES_FILE", "SCENE_FILE", "load_features", "load_gaussians", "save_gaussians"]
-
 SCENE_FILE = "scene.ply"
 FEATURES_FILE = "features.npy"
 _ADVICE = "Run `reconstruct` again."

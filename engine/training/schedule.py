@@ -13,8 +13,6 @@ from .settings import MAX_GROW_FACTOR, TrainingSettings
 from .spectrum import TYPICAL_SHARES
 from .validation import validation_photos
 
-__all__ = ["ANCHORS", "COOLDOWN_END", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "THIN", "Schedule"]
-
 SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP, THIN = 1, 2, 3, 4, 5, 6, 7
 """Purposes of random draws, see `Schedule.generator`."""
 

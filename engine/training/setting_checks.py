@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from ..core.settings import require
 
-__all__ = ["require_at_least", "require_factor", "require_fraction", "require_positive"]
-
 
 def require_at_least(settings: object, smallest: int, *names: str) -> None:
     """Raise `SettingsError` unless the named settings are at least `smallest`."""

@@ -17,30 +17,6 @@ from ..rasterizer.settings import Backend
 from .setting_checks import require_at_least, require_factor, require_fraction, require_positive
 from .validation import MIN_PHOTOS_TO_CHOOSE, validation_photos
 
-__all__ = [
-    "LAMBDA_DSSIM",
-    "DEFAULT_PRESET",
-    "LIGHT_DESCRIPTION",
-    "LIGHT_LABEL",
-    "LIGHT_SHARE",
-    "MAX_GROW_FACTOR",
-    "OFFERED_PRESETS",
-    "PAPER_PIXELS",
-    "PRESETS",
-    "PREVIEW_FILE",
-    "PRESET_LIST",
-    "TEST_PHOTOS",
-    "AppearanceSettings",
-    "FeatureSettings",
-    "GrowthSettings",
-    "LossSettings",
-    "MeasurementSettings",
-    "OptimiserSettings",
-    "ScheduleSettings",
-    "TrainingPreset",
-    "TrainingSettings",
-]
-
 PAPER_PIXELS = 980 * 735  # Dahaghin et al. 2024
 """Pixels of the pictures in the paper (Dahaghin et al. 2024), for which its pixel counts and sums over pixels hold."""
 

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from .views import TrainingView, evenly_spaced_indices
 
-__all__ = ["TYPICAL_SHARES", "coarse_shares"]
-
 MAX_PHOTOS = 8
 """Largest number of photos, evenly spaced, whose spectrum is computed."""
 

@@ -15,8 +15,6 @@ from . import InitialValues, gaussians_from_points
 from .settings import TrainingSettings
 from .views import TrainingView
 
-__all__ = ["StartPoints", "initial_values", "start_gaussians"]
-
 N_NEIGHBOURS = 3  # Kerbl et al. 2023
 """Nearest other points that tell the spacing at a point."""
 

@@ -30,8 +30,6 @@ from .schedule import ANCHORS, DROP, SAMPLE, Schedule
 from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
 from .views import Level
 
-__all__ = ["clustering_scale", "clusters", "neighbours_are_stale", "regularises", "samples_of_step", "step_loss"]
-
 NEIGHBOUR_UPDATE_INTERVAL = 100  # chosen on museum_room
 """Steps after which the cached neighbours are found again. Gaussians move little in between."""
 

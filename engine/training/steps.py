@@ -13,8 +13,6 @@ from .settings import TrainingSettings
 from .start import StartPoints
 from .views import Level, ViewPyramid
 
-__all__ = ["N_ERROR_VIEWS", "Inputs", "Steps", "error_levels"]
-
 N_ERROR_VIEWS = 3  # chosen on museum_room
 """Random photos in which the error of each Gaussian is measured before growth."""
 

@@ -10,8 +10,6 @@ from ..rasterizer.settings import Backend
 from ..scene import PinholeCamera
 from .parameters import Parameters, render
 
-__all__ = ["MAX_CAMERAS", "SIDE", "changes_by_removal", "thin"]
-
 MAX_CAMERAS, SIDE = 24, 320
 """Largest number of cameras that changes are measured from, and longest side of their pictures, pixels."""
 

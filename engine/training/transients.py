@@ -13,9 +13,6 @@ from ..rasterizer.settings import Backend
 from .parameters import Parameters, render
 from .views import Level
 
-__all__ = ["find_transients"]
-
-
 MIN_ERROR_RATIO = 3.0  # chosen on museum_room
 """Smallest ratio of the error of a transient's pixel to its expected error."""
 

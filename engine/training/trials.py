@@ -10,8 +10,6 @@ import torch
 from .held_out import Quality, image_quality, mean_quality
 from .views import Level
 
-__all__ = ["Trial", "brightness_factors", "exposure_corrected_quality"]
-
 MAX_BRIGHTNESS_FACTOR = 4.0  # chosen on museum_room
 """Largest brightness factor that is fitted, and inverse of the smallest. A black picture shows no exposure."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["MIN_PHOTOS_TO_CHOOSE", "validation_photos"]
-
 MIN_PHOTOS_TO_CHOOSE = 24
 """Least number of training photos of which some are validation photos. With fewer, nothing is chosen during a run, see
 `TrainingSettings.for_photos`."""

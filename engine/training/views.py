@@ -16,16 +16,6 @@ from ..scene import Camera, CameraSet, PinholeCamera
 from .losses import LabelledPixels, Target, labelled_pixels
 from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
 
-__all__ = [
-    "Level",
-    "TrainingView",
-    "ViewPyramid",
-    "evenly_spaced_indices",
-    "is_held_out",
-    "load_views",
-    "scene_extent",
-]
-
 _MIN_SEGMENT_PIXELS = 100  # Dahaghin et al. 2024
 """Smaller segments are left out of L_CC. Counted at 980 x 735 pixels and scaled to the picture."""
 

@@ -7,8 +7,6 @@ from mathutils import Matrix
 
 from .world_placement import drawn_matrix
 
-__all__ = ["hide_untouched_defaults", "untouched_defaults"]
-
 _CUBE_CORNERS = {(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)}
 _LIGHT_LOCATION = (4.0762, 1.0055, 5.9039)
 _TOLERANCE = 1e-3

@@ -9,8 +9,6 @@ from ..language.translations import translated
 from .problems import plain_text
 from .text_lines import lines_of
 
-__all__ = ["draw_text"]
-
 _MARGIN, _BOX_MARGIN, _ICON_WIDTH, _LEAST_WIDTH = 66, 16, 20, 100
 """Widths in pixels at the default interface scale: of both margins of a panel with its tabs and of a label, of those of
 a box, of an icon, and of the narrowest line. Those of Blender 5.2, which are wider than those of 4.5."""

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from ...engine.core.files import bytes_of, stamp_of
 
-__all__ = ["folder_bytes"]
-
 _known: dict[tuple[Path, tuple[int, int]], int | None] = {}
 """Bytes by folder and the time of its last change; None while they are counted."""
 

@@ -18,28 +18,6 @@ import bpy
 from . import problems
 from .drawn_text import draw_text
 
-__all__ = [
-    "TIMERS",
-    "Timer",
-    "add_change_handler",
-    "add_datablock_handler",
-    "add_draw_handler",
-    "add_import_handler",
-    "add_load_handler",
-    "add_menu_entry",
-    "add_save_handlers",
-    "add_undo_handler",
-    "add_update_handler",
-    "property_callbacks",
-    "redraw",
-    "register_class",
-    "remove_draw_handler",
-    "remove_handler",
-    "remove_menu_entry",
-    "subscribe",
-    "unsubscribe",
-]
-
 Function = Callable[..., Any]
 Failed = Callable[..., Any]
 """Called with the sentence and the arguments of the function that failed; returns what Blender gets instead."""

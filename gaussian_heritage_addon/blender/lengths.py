@@ -8,8 +8,6 @@ import bpy
 
 from ...engine.core.errors import SettingsError
 
-__all__ = ["read_length", "write_length"]
-
 _DIGITS = 6
 
 

@@ -13,9 +13,6 @@ from ...engine.core.arrays import Float64
 from ...engine.core.errors import ObjectError
 from .moved_vertices import main_move
 
-__all__ = ["follow_frame", "frame_of_mesh", "keep_frame", "stored_matrix"]
-
-
 _FRAME_KEY = "heritage_frame"
 """Custom property of a mesh: the matrix, row by row, from the normalised world of the project to the mesh."""
 _NUMBER_KEY = "heritage_number"

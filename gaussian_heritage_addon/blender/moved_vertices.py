@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32, Float64
 
-__all__ = ["LinearMaps", "linear_maps", "main_move", "mark_as_right", "moves_since"]
-
 LinearMaps = list[tuple[Float64, NDArray[np.intp]]]
 """Linear maps [3, 3], and the rows of the vertices that each moved. Where vertices were only shifted there is none."""
 

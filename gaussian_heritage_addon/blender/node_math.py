@@ -7,8 +7,6 @@ from typing import Any
 
 import bpy
 
-__all__ = ["Formula", "connect", "named_attribute", "new_node", "scale_vector", "separate_xyz", "vector"]
-
 Socket = Any
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-__all__ = ["forget_dialog", "is_drawn", "redraw_dialog"]
-
 _region: bpy.types.Region | None = None
 """Of the open dialog. Blender frees it with the dialog, after which it must not be used."""
 

@@ -12,8 +12,6 @@ from pathlib import Path
 from ...engine.core.errors import HeritageError, is_out_of_memory
 from ...engine.core.visible_text import visible
 
-__all__ = ["clear", "plain_text", "sentence_of", "set_log_folder", "show", "shown"]
-
 _LOG = logging.getLogger(__name__)
 _LOG_FILE = "errors.log"
 _MAX_LOG_BYTES = 1 << 20

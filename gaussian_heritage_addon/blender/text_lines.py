@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-__all__ = ["lines_of"]
-
 _SEPARATORS = re.compile(r"(?<=[/\\_-])")
 """Behind these, a long path or name may be broken."""
 

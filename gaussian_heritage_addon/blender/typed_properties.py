@@ -5,8 +5,6 @@ from __future__ import annotations
 import inspect
 from typing import Any, TypeVar
 
-__all__ = ["blender_properties", "call_properties"]
-
 _Class = TypeVar("_Class", bound=type)
 
 

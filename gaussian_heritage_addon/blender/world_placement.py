@@ -17,9 +17,6 @@ from numpy.typing import NDArray
 from ...engine.core.arrays import Float64
 from ...engine.core.errors import ObjectError
 
-__all__ = ["copy_world_matrix", "drawn_matrix", "parents_of", "set_world_matrix", "world_matrix"]
-
-
 _PLAIN_PARENTS = ("OBJECT", "ARMATURE", "LATTICE")
 """Kinds of parents whose matrix alone moves a child; the others are vertices and bones."""
 _TOLERANCE = 1e-4

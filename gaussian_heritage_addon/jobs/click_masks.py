@@ -22,8 +22,6 @@ from ..setup.engine_process import engine_command
 from ..setup.preferences import current_environment, current_python, sam_arguments
 from ..splats.properties import project_of
 
-__all__ = ["ClickMasks", "colored"]
-
 _INTERVAL = 0.03
 """Seconds between two looks for an answer."""
 _COLORS = {

@@ -9,8 +9,6 @@ from typing import Literal
 
 from ...engine.workers.jobs import Click
 
-__all__ = ["CONFIRM_KEYS", "ClickSession", "EventResult"]
-
 
 class EventResult(Enum):
     """Effect of a window event on a click session."""

@@ -11,8 +11,6 @@ from ...engine.core.words import split_texts
 from ..blender.problems import plain_text
 from ..language.translations import translated
 
-__all__ = ["job_name", "stores_edits"]
-
 _MAX_LENGTH = 40
 """Characters of a name: a command stored by another program may hold any text."""
 _EDIT = "edit"

@@ -28,29 +28,6 @@ from ..splats.properties import project_of
 from .job_names import stores_edits
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
 
-__all__ = [
-    "ENGINE",
-    "MODEL_FILES",
-    "REMOVAL",
-    "belongs_to",
-    "cancel",
-    "continue_stopped",
-    "current",
-    "dismiss",
-    "drop",
-    "ended_while_away",
-    "leave_stopped",
-    "problem",
-    "register",
-    "start",
-    "start_command",
-    "stopped",
-    "take_in",
-    "undecided",
-    "unregister",
-    "waiting",
-]
-
 _LOG = logging.getLogger(__name__)
 _POLL_INTERVAL = 0.5
 """Seconds between two polls of the job."""

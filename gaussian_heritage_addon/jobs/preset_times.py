@@ -17,8 +17,6 @@ from ..blender.open_dialog import forget_dialog, redraw_dialog
 from ..setup.engine_process import engine_command
 from ..setup.preferences import current_environment, current_python, user_folder
 
-__all__ = ["ask", "poll", "preset_seconds", "register", "stop", "unregister"]
-
 _INTERVAL = 0.5
 """Seconds between two polls, and before a folder is asked about: a file browser passes through many folders."""
 _MAX_KNOWN = 32

@@ -18,11 +18,9 @@ from ..project.project_history import look_again, remember_objects
 from ..project.scene_file import add_objects, open_project, scene_name
 from ..setup.model_files import states_of
 from ..setup.preferences import store_check_result, store_model_states
-from ..splats.properties import heritage_objects, project_of
-from ..splats.selection import set_active_object
+from ..splats.properties import project_of
+from ..splats.selection import heritage_objects, set_active_object
 from ..splats.solid_mode import update_shapes
-
-__all__ = ["PROJECT_KINDS", "destination", "import_results", "is_editing", "scene_for"]
 
 PROJECT_KINDS = ("reconstruct", "segment", "mesh")
 """Kinds of jobs whose results enter a scene."""

@@ -12,8 +12,6 @@ import bpy
 
 from ...engine.core.files import read_json
 
-__all__ = ["LANGUAGES", "register", "texts_of", "translated", "unregister"]
-
 LANGUAGES = sorted(Path(__file__).parent.glob("*.json"))
 _SCHEMA = {"locales": [str], "texts": {str: str}}
 _NAME = __package__ or __name__

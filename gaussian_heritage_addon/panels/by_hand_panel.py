@@ -11,9 +11,8 @@ from ..blender.lengths import write_length
 from ..language.translations import translated
 from ..project.first_view import CATEGORY
 from ..project.measuring import current_measurement, length_text, rulers
-from ..splats.properties import HeritageScene, active_object, project_of
-
-__all__ = ["CLASSES"]
+from ..splats.properties import HeritageScene, project_of
+from ..splats.selection import active_object
 
 
 class _ProjectPanel(bpy.types.Panel):

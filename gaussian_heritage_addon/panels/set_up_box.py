@@ -11,8 +11,6 @@ from ..setup.installation import installed_engine
 from ..setup.preferences import engine_problem, set_up_options, set_up_problem
 from .job_box import draw_job
 
-__all__ = ["SET_UP_KINDS", "draw_set_up", "set_up_label"]
-
 SET_UP_KINDS = ("set-up", "remove engine")
 """Kinds of jobs that `draw_set_up` tells of. The state of the engine says nothing meanwhile."""
 

@@ -14,8 +14,6 @@ from ...engine.scene import Camera, read_photo_set
 from ..splats.properties import photo_alpha
 from .photo_frame import apply_orientation, exif_orientation, remove_distortion, require_small
 
-__all__ = ["show_backdrop"]
-
 _LONGEST_SIDE = 1600
 """Longest side of the background image in pixels. A viewport shows no more detail."""
 _MAX_PIXELS = 200_000_000

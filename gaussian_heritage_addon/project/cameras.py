@@ -11,11 +11,10 @@ from ...engine.core.errors import ObjectError
 from ...engine.rasterizer.settings import JACOBIAN_MARGIN
 from ...engine.scene import Camera, focal_and_center
 from ..blender.world_placement import set_world_matrix
-from ..splats.properties import PHOTO_KEY, heritage_objects, photo_of
+from ..splats.properties import PHOTO_KEY, photo_of
+from ..splats.selection import heritage_objects
 from ..splats.splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input
 from .picking import FLIP
-
-__all__ = ["INITIAL_RENDER_SIDE", "add_cameras", "current_photo", "look_through"]
 
 _SENSOR_WIDTH = 36.0
 """Sensor width of the Blender cameras in millimetres. Only its ratio to the focal length matters."""

@@ -21,8 +21,6 @@ from .picking import View, photo_pixel, require_aligned
 from .placement import scene_placement
 from .scene_file import whole_scene
 
-__all__ = ["Viewport"]
-
 _MARK_SIZE = 24
 _MARK_COLORS = {True: (0.3, 0.9, 0.3, 1.0), False: (1.0, 0.3, 0.2, 1.0)}
 _MARKS = {True: "+", False: "\N{MINUS SIGN}"}

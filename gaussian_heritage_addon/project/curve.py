@@ -15,8 +15,6 @@ from ...engine.core.errors import HeritageError
 from ...engine.core.files import read_after_change
 from ...engine.project.folder import PROJECT_FILE, ProjectFolder
 
-__all__ = ["Point", "curve_picture", "stored_curve", "thinned"]
-
 Point = tuple[float, float]
 """Wall seconds of training, and PSNR of the test photos in dB."""
 

@@ -28,7 +28,8 @@ from ...engine.formats import FORMATS as ALL_FORMATS
 from ...engine.scene import Gaussians, far_gaussians, read_camera_set
 from ..blender.world_placement import world_matrix
 from ..splats.native_splats import has_native_splats, native_gaussians
-from ..splats.properties import HeritageObject, heritage_objects, project_of, record_of
+from ..splats.properties import HeritageObject, project_of, record_of
+from ..splats.selection import heritage_objects
 from ..splats.sog_pictures import encode_picture
 from ..splats.splats import SplatScene
 from ..splats.stored_file import StoredFile
@@ -37,21 +38,6 @@ from .object_geometry import moved_gaussians
 from .object_state import HeritageState
 from .placement import frame_of_object, frame_of_whole
 from .usd_export import can_write_usd, write_usd_file
-
-__all__ = [
-    "FORMATS",
-    "ExportChoice",
-    "ExportOptions",
-    "can_be_exported",
-    "choose_objects",
-    "clean_name",
-    "export_formats",
-    "export_splats",
-    "export_together",
-    "file_names",
-    "require_new",
-    "require_some",
-]
 
 FORMATS: tuple[Format, ...] = tuple(
     sorted((one for one in ALL_FORMATS if one.write is not None), key=lambda one: one.name != DEFAULT_FORMAT)

@@ -11,8 +11,6 @@ from ..splats.properties import photo_of
 from ..splats.solid_mode import OPAQUE_MODES, update_shapes, viewports
 from .cameras import INITIAL_RENDER_SIDE, current_photo, look_through
 
-__all__ = ["CATEGORY", "show_job", "show_scene"]
-
 CATEGORY = "Heritage"
 """Name of the add-on's tab in the sidebar."""
 _DRAWN_AFTER = 0.3

@@ -18,8 +18,6 @@ from ..splats.selection import follow_selection
 from ..splats.splats import SplatScene
 from . import moved_projects
 
-__all__ = ["register", "unregister"]
-
 
 def _after_change(changed: list[bpy.types.ID]) -> None:
     for obj in [one for one in changed if isinstance(one, bpy.types.Object)]:

@@ -19,32 +19,14 @@ from ...engine.project.content import shown_objects
 from ...engine.project.objects import load_membership
 from ..blender.world_placement import copy_world_matrix
 from ..splats.object_meshes import remove_meshes
-from ..splats.properties import (
-    COUNT_KEY,
-    active_object,
-    loading,
-    project_of,
-    scene_count,
-    set_active_object,
-)
+from ..splats.properties import COUNT_KEY, loading, project_of, scene_count
+from ..splats.selection import active_object, set_active_object
 from ..splats.splats import SplatScene
 from .object_geometry import moved_gaussians
 from .object_import import new_collection
 from .object_names import ID_KEY, give_new_name
 from .placement import frame_of_whole, placement_properties
 from .scene_file import whole_scene
-
-__all__ = [
-    "add_rows",
-    "delete_object",
-    "member_rows",
-    "merge_objects",
-    "new_object",
-    "object_mode",
-    "take_vertices",
-    "was_edited_meanwhile",
-    "whole_of",
-]
 
 _IN, _OUT = 1.0, 0.0
 """Memberships that are set by hand: every threshold above 0 agrees with them."""

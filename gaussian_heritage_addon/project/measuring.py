@@ -13,7 +13,8 @@ from ...engine.core.errors import FormatError, HeritageError, ObjectError
 from ...engine.core.files import read_after_change
 from ...engine.scene import Measurement, Point, load_measurement, save_measurement
 from ..blender.world_placement import drawn_matrix
-from ..splats.properties import heritage_objects, project_of
+from ..splats.properties import project_of
+from ..splats.selection import heritage_objects
 from .moved_views import follow_move
 from .placement import (
     GROUND_KEY,
@@ -26,16 +27,6 @@ from .placement import (
 )
 from .project_history import remember_measurement
 from .scene_file import whole_scene
-
-__all__ = [
-    "add_ruler",
-    "current_measurement",
-    "follow_measurements",
-    "length_text",
-    "measure",
-    "rulers",
-    "scene_points",
-]
 
 
 @read_after_change("measurement.json", "cameras/cameras.json")

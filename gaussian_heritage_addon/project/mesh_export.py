@@ -17,8 +17,6 @@ from .moved_projects import is_missing
 from .not_stored import has_other_shape
 from .placement import is_metric
 
-__all__ = ["MESH_FORMATS", "mesh_exports", "require_meshable"]
-
 MESH_FORMATS: tuple[Format, ...] = tuple(
     sorted((one for one in FORMATS if one.write_mesh is not None), key=lambda one: not one.defines_up)
 )

@@ -15,8 +15,6 @@ from ...engine.scene import read_camera_set
 from ..blender import problems
 from ..splats.properties import HeritageObject, HeritageScene, photo_of, project_of
 
-__all__ = ["after_appending", "after_saving", "before_saving", "find_moved", "is_missing", "relink", "relink_scene_of"]
-
 _PLACE_KEY = "heritage_project_place"
 """Custom property of a scene: the folder of its project when the .blend was saved, which may be moved alone."""
 _before: list[tuple[bpy.types.ID, Path]] = []

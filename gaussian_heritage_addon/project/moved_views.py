@@ -10,8 +10,6 @@ from ...engine.core.arrays import Float64
 from ...engine.scene import similarity_scale
 from ..splats.solid_mode import viewports
 
-__all__ = ["follow_move", "move_view"]
-
 
 def follow_move(scene: bpy.types.Scene, move: Float64) -> None:
     """Move the views of all 3D viewports of `scene` by the similarity `move`, [4, 4], that its splats were moved by."""

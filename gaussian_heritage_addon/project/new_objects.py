@@ -6,11 +6,10 @@ from collections.abc import Collection
 
 import bpy
 
-from ..splats.properties import apply_visibility, heritage_objects, select_object
+from ..splats.properties import apply_visibility
+from ..splats.selection import heritage_objects, select_object
 from ..splats.solid_mode import viewports
 from ..splats.splat_boxes import flash, frame
-
-__all__ = ["show_imported", "show_new_objects"]
 
 
 def show_new_objects(scene: bpy.types.Scene, ids: list[str], *, known: Collection[str] = ()) -> None:

@@ -16,23 +16,13 @@ from ...engine.project.objects import bring_back, new_id, save_record
 from ..blender.drawn_text import draw_text
 from ..language.translations import translated
 from ..setup.preferences import user_folder
-from ..splats.properties import HeritageObject, heritage_objects, loading, project_of, record_of, scene_count
+from ..splats.properties import HeritageObject, loading, project_of, record_of, scene_count
+from ..splats.selection import heritage_objects
 from ..splats.splats import SplatScene
 from .object_names import ID_KEY, own_collection
 from .object_state import all_objects, forget_known, known_objects
 from .project_history import look_again
 from .stored_objects import StoredObject, look, seen
-
-__all__ = [
-    "changes_of",
-    "is_unstored",
-    "deleted_names",
-    "draw_not_stored",
-    "has_other_shape",
-    "missing_names",
-    "store_arguments",
-    "unstored_objects",
-]
 
 
 def changes_of(obj: bpy.types.Object, stored: StoredObject | None) -> list[str]:

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.formats import transform_gaussians
-from ...engine.scene import Gaussians, box_of, foot_of
-
-__all__ = ["box_of", "foot_of", "moved_gaussians", "near_object"]
+from ...engine.scene import Gaussians, box_of
 
 
 def near_object(means: NDArray[np.float32], is_member: NDArray[np.bool_]) -> NDArray[np.bool_]:

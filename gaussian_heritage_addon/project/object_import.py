@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 from ...engine.core.files import path_within
 from ...engine.project.content import ProjectObject
 from ...engine.project.objects import load_level, load_membership, load_record, require_intact, state_of
-from ...engine.scene import Gaussians, load_detailed
+from ...engine.scene import Gaussians, foot_of, load_detailed
 from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import COUNT_KEY, HeritageObject, loading, scene_count
 from ..splats.splats import SplatScene
-from .object_geometry import foot_of, moved_gaussians, near_object
+from .object_geometry import moved_gaussians, near_object
 from .object_names import ID_KEY, give_name
 from .object_state import HeritageState
 from .placement import frame_of_whole, placement_properties
-
-__all__ = ["add_object", "new_collection", "update_object"]
 
 _MIN_COPIED_MEMBERSHIP = 0.05
 """Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.

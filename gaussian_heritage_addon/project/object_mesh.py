@@ -15,8 +15,6 @@ from ..splats.object_meshes import mark_mesh, remove_meshes
 from ..splats.splats import SplatScene
 from .object_names import ID_KEY
 
-__all__ = ["add_mesh", "mesh_file", "require_importer"]
-
 _IMPORTER = "io_scene_gltf2"
 
 

@@ -14,8 +14,6 @@ from ...engine.project.objects import new_name
 from .object_state import HeritageState, all_objects, owners
 from .stored_objects import seen
 
-__all__ = ["ID_KEY", "follow_renames", "give_name", "give_new_name", "own_collection", "was_renamed"]
-
 ID_KEY = "heritage_object_id"
 """Custom property of an object's own collection: the id of the object, empty while it is new."""
 _NAME_KEY = "heritage_name"

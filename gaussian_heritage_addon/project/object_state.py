@@ -15,20 +15,8 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..blender.typed_properties import blender_properties
-from ..splats.properties import HeritageObject, HeritageScene, heritage_objects
-
-__all__ = [
-    "CLASSES",
-    "HeritageState",
-    "add_known",
-    "all_objects",
-    "forget_known",
-    "known_objects",
-    "mark_copies",
-    "owners",
-    "register",
-    "unregister",
-]
+from ..splats.properties import HeritageObject, HeritageScene
+from ..splats.selection import heritage_objects
 
 
 @blender_properties

@@ -20,8 +20,6 @@ from ..setup.preferences import user_folder
 from ..splats.properties import project_of
 from .project_history import catch_up, look_again
 
-__all__ = ["is_open_elsewhere", "mark_of", "register", "unregister", "update"]
-
 _CHECK_SECONDS = 5.0
 """Seconds between two looks at which projects are shown, what they hold, and whether the other Blender was closed."""
 

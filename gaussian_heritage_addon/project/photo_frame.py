@@ -17,8 +17,6 @@ from ...engine.core.errors import FormatError, PhotoError
 from ...engine.core.files import opened
 from ...engine.scene import Camera, focal_and_center, photo_pixels
 
-__all__ = ["apply_orientation", "exif_orientation", "remove_distortion", "require_small"]
-
 _ORIENTATION_TAG = 0x0112
 _MAX_HEADER = 1 << 17
 """Bytes at the beginning of a photo that are searched."""

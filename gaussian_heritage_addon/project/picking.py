@@ -13,8 +13,6 @@ from ...engine.core.arrays import Float64
 from ...engine.core.errors import CameraError
 from ...engine.scene import Camera, photo_pixels, similarity_scale
 
-__all__ = ["FLIP", "View", "photo_pixel", "require_aligned"]
-
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Converts between COLMAP's camera axes and Blender's, in both directions."""
 _MAX_ROTATION, _MAX_TRANSLATION = 1e-3, 1e-3

@@ -14,8 +14,6 @@ from ...engine.core.files import stamp_of
 from .curve import Point, curve_picture
 from .photo_frame import require_small
 
-__all__ = ["curve_icon", "picture_icon", "unregister"]
-
 _MAX_PIXELS = 16_000_000
 """Pixels of a picture that is decoded for a panel. The engine's have fewer; a small file may state any number."""
 

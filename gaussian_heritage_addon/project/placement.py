@@ -20,20 +20,6 @@ from ..blender.world_placement import parents_of, set_world_matrix, world_matrix
 from ..splats.properties import photo_of, project_of
 from ..splats.splats import SplatScene
 
-__all__ = [
-    "GROUND_KEY",
-    "RULER_KEY",
-    "apply_measurement",
-    "frame_of_object",
-    "frame_of_whole",
-    "is_metric",
-    "placement_properties",
-    "scene_placement",
-    "shows_project",
-    "world_from_scene",
-]
-
-
 _MATRIX_KEY = "heritage_placement"
 """Custom property: the matrix, row by row, that took the object from the world of the scene to that of Blender."""
 _METRIC_KEY = "heritage_metric"

@@ -8,8 +8,6 @@ from ...engine.core.errors import HeritageError
 from ...engine.core.files import read_after_change
 from ...engine.project.folder import PROJECT_FILE, ProjectFolder
 
-__all__ = ["planned_device"]
-
 _PROCESSOR = "cpu"
 
 

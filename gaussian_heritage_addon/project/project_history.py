@@ -32,8 +32,6 @@ from .object_state import all_objects, known_objects, mark_copies, owners
 from .state_history import StateHistory
 from .stored_objects import StoredObject, forget, look, look_if_changed
 
-__all__ = ["catch_up", "look_again", "register", "remember_measurement", "remember_objects", "unregister"]
-
 _MARK_KEY = "heritage_measured"
 """Custom property of a scene: the mark of what was measured last."""
 _WHY = "undone in Blender"

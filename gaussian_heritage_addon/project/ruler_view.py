@@ -17,8 +17,6 @@ from ..splats.sight import Sight
 from .measuring import rulers
 from .visible_splats import sight_of_viewport
 
-__all__ = ["MARK_COLOR", "register", "rulers_in_view", "unregister"]
-
 MARK_COLOR = (1.0, 0.75, 0.2, 1.0)
 """Of what is drawn over the splats of a view."""
 _LINES = (((0.0, 0.0, 0.0, 1.0), 4.0), (MARK_COLOR, 2.0))

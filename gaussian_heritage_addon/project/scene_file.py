@@ -20,17 +20,9 @@ from ...engine.scene import CameraSet, Measurement, load_measurement, read_camer
 from ..blender.default_objects import hide_untouched_defaults
 from ..blender.world_placement import set_world_matrix, world_matrix
 from ..splats.display_settings import apply_display, choose_display
-from ..splats.properties import (
-    COUNT_KEY,
-    active_object,
-    apply_blending,
-    apply_visibility,
-    heritage_objects,
-    photo_of,
-    project_of,
-    set_active_object,
-)
+from ..splats.properties import COUNT_KEY, apply_blending, apply_visibility, photo_of, project_of
 from ..splats.render_settings import is_untouched, set_up_render
+from ..splats.selection import active_object, heritage_objects, set_active_object
 from ..splats.sog_pictures import decode_picture
 from ..splats.splat_view import is_software
 from ..splats.splats import SplatScene
@@ -40,15 +32,6 @@ from .object_geometry import moved_gaussians
 from .object_import import add_object, new_collection, update_object
 from .object_state import add_known, mark_copies, owners
 from .placement import apply_measurement, frame_of_whole, placement_properties
-
-__all__ = [
-    "add_objects",
-    "add_other_file",
-    "add_splat_file",
-    "open_project",
-    "scene_name",
-    "whole_scene",
-]
 
 
 def add_splat_file(

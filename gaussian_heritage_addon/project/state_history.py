@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import Any
 
-__all__ = ["StateHistory"]
-
 
 class StateHistory:
     """The values of each place of projects that this session has stored or seen, without those of other programs."""

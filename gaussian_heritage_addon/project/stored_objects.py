@@ -21,9 +21,6 @@ from ...engine.project.objects import (
 )
 from ..splats.properties import HeritageObject, HeritageScene, project_of
 
-__all__ = ["StoredObject", "forget", "look", "look_if_changed", "seen"]
-
-
 _Stamps = tuple[tuple[str, str, tuple[int, int] | None], ...]
 
 

@@ -11,8 +11,6 @@ from ...engine.formats import has_openusd, write_usd, write_usd_elsewhere
 from ...engine.scene import Gaussians
 from ..setup.preferences import current_python
 
-__all__ = ["can_write_usd", "write_usd_file"]
-
 _FIRST_VERSION = (26, 3)
 """First OpenUSD with Gaussians."""
 

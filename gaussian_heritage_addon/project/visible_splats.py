@@ -17,24 +17,14 @@ from ...engine.rasterizer.settings import ALPHA_MIN
 from ...engine.scene import Camera, PinholeCamera, RayCaster, photo_pixels, photo_ray, read_camera_set, similarity_scale
 from ...engine.workers.jobs import Click
 from ..blender.world_placement import world_matrix
-from ..splats.properties import heritage_objects, project_of, scene_count
+from ..splats.properties import project_of, scene_count
+from ..splats.selection import heritage_objects
 from ..splats.sight import Seen, Sight, SplatLayer, seen_on_ray
 from ..splats.splats import SplatScene
 from .object_geometry import moved_gaussians
 from .picking import FLIP
 from .placement import frame_of_whole, scene_placement
 from .scene_file import whole_scene
-
-__all__ = [
-    "PhotoSight",
-    "SplatsInView",
-    "cameras_of",
-    "photo_of_point",
-    "sight_of_photo",
-    "sight_of_viewport",
-    "viewport_camera",
-]
-
 
 _MIN_FACING = 0.0
 """Smallest cosine between the directions from which a viewport and a photo look at a point."""

@@ -10,8 +10,6 @@ from ...engine.core.errors import EnvironmentProblem
 from ...engine.core.system import python_in, unsupported
 from ...engine.install.environment import EngineEnvironment
 
-__all__ = ["PYTHON_VARIABLE", "engine_command", "engine_environment", "find_python"]
-
 PYTHON_VARIABLE = "GAUSSIAN_HERITAGE_PYTHON"
 """Environment variable with the path of the engine's Python."""
 _PROBLEMS = {

@@ -9,8 +9,6 @@ from ...engine.core.system import unsupported
 from ...engine.install.environment import CONTENTS, EngineEnvironment, default_build, default_folder, sizes
 from .model_files import list_models
 
-__all__ = ["describe", "install_command", "installed_engine", "remove_command"]
-
 _MODULE = "engine.install.environment"
 _OFFLINE = (
     "Blender may not use the network. Allow Online Access in Preferences > System, or choose an Offline Bundle in "

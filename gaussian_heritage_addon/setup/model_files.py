@@ -12,20 +12,6 @@ from ...engine.core.errors import EnvironmentProblem, FormatError, ModelFileErro
 from ...engine.core.files import parse_json
 from ...engine.install.models.catalogue import CATALOGUE, GROUPS, ModelFile
 
-__all__ = [
-    "Model",
-    "States",
-    "fetch_arguments",
-    "find_model",
-    "list_models",
-    "megabytes",
-    "merge_states",
-    "problems_of",
-    "require_source",
-    "states_of",
-    "stored_states",
-]
-
 States = dict[str, str]
 """State of each file by its name: its path, or ``!`` followed by the engine's error message."""
 State = Literal["AVAILABLE", "PROBLEM", "UNKNOWN"]

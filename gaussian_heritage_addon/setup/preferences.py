@@ -16,21 +16,6 @@ from .engine_process import engine_environment, find_python
 from .installation import installed_engine
 from .model_files import States, merge_states
 
-__all__ = [
-    "BASE_PACKAGE",
-    "current_environment",
-    "current_python",
-    "engine_problem",
-    "model_folder",
-    "sam_arguments",
-    "set_up_options",
-    "set_up_problem",
-    "store_check_result",
-    "store_model_states",
-    "store_set_up_problem",
-    "user_folder",
-]
-
 BASE_PACKAGE = __package__.rsplit(".", 2)[0]
 """Name of the extension's package, by which Blender identifies its preferences."""
 _PROBLEM = "set_up.json"

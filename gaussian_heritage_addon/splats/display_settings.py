@@ -9,7 +9,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
 from ..blender.typed_properties import blender_properties
-from .properties import apply_blending, apply_photo_opacity, heritage_objects
+from .properties import apply_blending, apply_photo_opacity
+from .selection import heritage_objects
 from .solid_mode import viewports
 from .splat_nodes import (
     AS_TRAINED,
@@ -19,19 +20,6 @@ from .splat_nodes import (
     set_display_input,
     show_in_edit_mode,
 )
-
-__all__ = [
-    "CLASSES",
-    "HeritageDisplay",
-    "apply_display",
-    "choose_display",
-    "fit_arrived",
-    "register",
-    "apply_displays",
-    "show_as_set",
-    "show_without_addon",
-    "unregister",
-]
 
 _MOST_ON_CARD, _MOST_ON_PROCESSOR = 2_000_000, 400_000
 """Gaussians that a graphics card, and a processor without one, draw while the view turns."""

@@ -13,12 +13,9 @@ from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32
 from ..blender.guards import Timer, add_change_handler, add_load_handler, remove_handler
-from .properties import heritage_objects
+from .selection import heritage_objects
 from .solid_mode import redraw_viewports
 from .splats import SplatScene
-
-__all__ = ["EditedSplats", "edited_splats", "is_editing_splats", "register", "unregister", "vertex_flags"]
-
 
 _PAUSE = 0.4
 """Seconds without a change after which vertices that are being moved are read."""

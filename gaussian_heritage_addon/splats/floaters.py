@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from ...engine.scene import Gaussians
 
-__all__ = ["find_floaters"]
-
 _TYPICAL_NEIGHBOURS = 20
 """Gaussians, itself included, in the cell of the median Gaussian and the 26 cells around it."""
 _MAX_STEPS = 40

@@ -16,8 +16,6 @@ from ...engine.core.arrays import Float64
 from ..blender.world_placement import world_matrix
 from .sight import Sight
 
-__all__ = ["lines_near"]
-
 _LINES = frozenset(("ARMATURE", "CAMERA", "EMPTY", "LATTICE", "LIGHT", "LIGHT_PROBE", "SPEAKER"))
 """Types of objects that Blender draws as lines."""
 _MARGIN = 1.5

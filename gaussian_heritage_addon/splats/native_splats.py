@@ -13,16 +13,6 @@ from ...engine.core.errors import ObjectError
 from ...engine.formats import logits_of
 from ...engine.scene import Gaussians
 
-__all__ = [
-    "HARMONICS",
-    "copy_as_native",
-    "has_native_splats",
-    "is_native",
-    "native_gaussians",
-    "new_point_cloud",
-    "number_of_harmonics",
-]
-
 _KINDS = {
     "position": ("FLOAT_VECTOR", "vector", 3),
     "rotation": ("QUATERNION", "value", 4),

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-__all__ = ["hide_meshes", "mark_mesh", "meshes_of", "remove_meshes", "show_meshes"]
-
 _MESH_KEY = "heritage_mesh_of"
 """Custom property of a mesh: the id of its object in the project."""
 

@@ -20,39 +20,11 @@ from .object_meshes import show_meshes
 from .selection import (
     active_object,
     heritage_objects,
-    select_object,
     set_active_object,
     view_layer_of,
 )
 from .splat_nodes import AS_TRAINED, THRESHOLD, set_display_input
 from .splats import SplatScene
-
-__all__ = [
-    "CLASSES",
-    "COUNT_KEY",
-    "PHOTO_KEY",
-    "HeritageClick",
-    "HeritageObject",
-    "HeritageScene",
-    "active_object",
-    "apply_blending",
-    "apply_photo_opacity",
-    "apply_visibility",
-    "follow_eyes",
-    "heritage_objects",
-    "loading",
-    "photo_alpha",
-    "photo_of",
-    "project_of",
-    "record_of",
-    "register",
-    "scene_count",
-    "select_object",
-    "set_active_object",
-    "set_record_writer",
-    "unregister",
-    "view_transform_of",
-]
 
 _MAX_SHOWN = 200
 """Characters of a path that are shown."""

@@ -13,9 +13,6 @@ from ...engine.core.errors import PromptError
 from ...engine.scene import Gaussians, RayCaster
 from .sight import inside_polygon
 
-__all__ = ["View", "in_region"]
-
-
 _GRID = 24
 """Rays along each side of the box around a region; the surface is found between them by the nearest one."""
 _DEPTH = 2.0

@@ -10,9 +10,8 @@ import bpy
 from ...engine.core.errors import FormatError
 from ...engine.core.files import parse_json
 from ..blender.default_objects import untouched_defaults
-from .properties import apply_blending, heritage_objects, photo_of, view_transform_of
-
-__all__ = ["can_restore", "is_untouched", "missing_settings", "restore_settings", "set_up_render"]
+from .properties import apply_blending, photo_of, view_transform_of
+from .selection import heritage_objects
 
 _CYCLES = {
     "transparent_max_bounces": 256,

@@ -7,15 +7,6 @@ import bpy
 from ...engine.core.errors import ObjectError
 from .splats import SplatScene
 
-__all__ = [
-    "active_object",
-    "follow_selection",
-    "heritage_objects",
-    "select_object",
-    "set_active_object",
-    "view_layer_of",
-]
-
 
 def heritage_objects(scene: bpy.types.Scene, role: str | None = None) -> list[bpy.types.Object]:
     """Return the splat objects of `scene` with the `role` ``"SCENE"`` or ``"OBJECT"``, by default with either."""

@@ -12,8 +12,6 @@ from ...engine.core.arrays import Float64
 from ...engine.core.errors import CameraError, ObjectError
 from ...engine.scene import RayCaster, RayHits
 
-__all__ = ["Seen", "Sight", "SplatLayer", "inside_polygon", "ray_through", "seen_on_ray"]
-
 
 @dataclass(frozen=True)
 class Sight:

@@ -9,8 +9,6 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["decode_picture", "encode_picture"]
-
 _NAME = "Gaussian Heritage SOG"
 
 

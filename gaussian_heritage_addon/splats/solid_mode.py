@@ -7,10 +7,8 @@ from collections.abc import Iterator
 import bpy
 
 from ..blender.guards import add_load_handler, remove_handler, subscribe, unsubscribe
-from .properties import heritage_objects
+from .selection import heritage_objects
 from .splat_nodes import SOLID, display_input, set_display_input
-
-__all__ = ["OPAQUE_MODES", "redraw_viewports", "register", "unregister", "update_shapes", "viewports"]
 
 OPAQUE_MODES = ("SOLID", "WIREFRAME")
 """Types of shading that draw no transparency and no materials."""

@@ -14,11 +14,9 @@ from numpy.typing import NDArray
 from ...engine.scene import box_of
 from ..blender.guards import Timer
 from ..blender.world_placement import drawn_matrix, world_matrix
-from .properties import active_object
+from .selection import active_object
 from .solid_mode import redraw_viewports
 from .splats import SplatScene
-
-__all__ = ["Box", "draw_boxes", "flash", "frame", "shown_box"]
 
 Box = tuple[NDArray[np.float64], NDArray[np.float64]]
 _FLASH_SECONDS, _BLINK_SECONDS = 3.0, 0.3

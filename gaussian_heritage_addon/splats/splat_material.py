@@ -7,8 +7,6 @@ import bpy
 from ...engine.rasterizer.settings import ALPHA_MAX, ALPHA_MIN
 from ..blender.node_math import Formula, connect, new_node, vector
 
-__all__ = ["COLOR_ATTRIBUTE", "splat_material"]
-
 COLOR_ATTRIBUTE = "heritage_color"
 """Attribute with the colour and opacity of an instance, computed by the node group."""
 

@@ -12,23 +12,6 @@ from ..blender.node_math import Formula, connect, named_attribute, new_node, sca
 from .splat_material import COLOR_ATTRIBUTE
 from .splat_shapes import Cutoff, Projection, add_cards, add_ellipsoids, add_solids, radius_of
 
-__all__ = [
-    "DISPLAY",
-    "ANTIALIASED",
-    "ANTIALIASED_KEY",
-    "AS_TRAINED",
-    "PIXEL",
-    "SHAPES",
-    "SOLID",
-    "THRESHOLD",
-    "VIEW_HIGH",
-    "VIEW_LOW",
-    "add_display",
-    "display_input",
-    "set_display_input",
-    "show_in_edit_mode",
-]
-
 DISPLAY = "Gaussian Splats"
 """Name of the modifier."""
 _GROUP_PREFIX = f".{DISPLAY}"

@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from ...engine.core.arrays import Float32
 from ...engine.rasterizer.settings import ALPHA_MIN, RasterSettings
 
-__all__ = ["View", "draw_order", "mean_areas", "visible_radii"]
-
-
 _KNUD_THOMSEN = 1.6075
 """Exponent of Thomsen's formula for the surface of an ellipsoid; its error is at most 1.1 %."""
 _MARGIN = 1.05

@@ -6,8 +6,6 @@ import gpu
 
 from ...engine.rasterizer.settings import ALPHA_MAX, INVERSE_ALPHA_MIN, JACOBIAN_MARGIN, RasterSettings
 
-__all__ = ["TEXTURE_WIDTH", "copy_shader", "splat_shader"]
-
 TEXTURE_WIDTH = 4096
 """Texels in a row of the tables: each is a texture, whose rows are the parts of one long list."""
 

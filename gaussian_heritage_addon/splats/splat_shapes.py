@@ -17,8 +17,6 @@ from ...engine.rasterizer.settings import ALPHA_MIN, RasterSettings
 from ..blender.node_math import Formula, connect, named_attribute, new_node, scale_vector, vector
 from .splat_material import COLOR_ATTRIBUTE, splat_material
 
-__all__ = ["Cutoff", "Projection", "add_cards", "add_ellipsoids", "add_solids", "radius_of"]
-
 _ICOSAHEDRON_RADIUS = 1.2584086
 """Radius of the corners of an icosahedron whose faces touch the unit sphere, so that it contains the ellipsoid."""
 _OCTAHEDRON_SEGMENTS, _OCTAHEDRON_RINGS = 4, 2

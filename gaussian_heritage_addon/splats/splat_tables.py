@@ -17,8 +17,6 @@ from .splat_order import mean_areas, visible_radii
 from .splat_shader import TEXTURE_WIDTH
 from .splats import SplatScene
 
-__all__ = ["Part", "Tables", "checksum", "list_texture"]
-
 _CHUNK = 1 << 16
 """Gaussians whose covariances are computed at once, to limit the memory of their rotations."""
 

@@ -30,15 +30,14 @@ from ..blender.guards import (
 from ..blender.world_placement import drawn_matrix
 from .display_settings import apply_displays
 from .edited_splats import EditedSplats, edited_splats, is_editing_splats, vertex_flags
-from .properties import active_object, heritage_objects, photo_of
+from .properties import photo_of
+from .selection import active_object, heritage_objects
 from .solid_mode import redraw_viewports
 from .splat_boxes import Box, draw_boxes, shown_box
 from .splat_order import View, draw_order
 from .splat_shader import copy_shader, splat_shader
 from .splat_tables import Part, Tables, checksum, list_texture
 from .splats import SplatScene
-
-__all__ = ["Detail", "draw_to", "is_software", "register", "shown_splats", "tables_of", "unregister"]
 
 _REST = 0.25
 """Seconds without a change after which the view is taken to rest."""

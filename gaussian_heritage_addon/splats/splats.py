@@ -28,9 +28,6 @@ from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import ANTIALIASED, ANTIALIASED_KEY, add_display, set_display_input
 from .stored_file import StoredFile, forget_lost_digits, stored_file, with_stored_values
 
-__all__ = ["SplatScene"]
-
-
 # FLOAT4 exists since Blender 5.2. Before, FLOAT_COLOR stores the same four floats, including negative ones.
 _BASE_TYPE = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 _ELEMENT = {"FLOAT4": "vector", "FLOAT_COLOR": "color", "FLOAT_VECTOR": "vector", "QUATERNION": "value"}

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from ...engine.formats import PlyFile, Up
 from ...engine.scene import Gaussians, unit_quats
 
-__all__ = ["StoredFile", "forget_lost_digits", "keep_file", "stored_file", "with_stored_values"]
-
 _PREFIX = "ply."
 _LOG_SCALE, _OPACITY, _ROTATION = f"{_PREFIX}log_scale", f"{_PREFIX}opacity_logit", f"{_PREFIX}rotation"
 _EXTRA = f"{_PREFIX}extra."

@@ -21,9 +21,6 @@ from .sight import Sight, SplatLayer, inside_polygon, seen_on_ray
 from .splat_view import shown_splats
 from .splats import SplatScene
 
-__all__ = ["hides_splats", "object_seen", "objects_within", "register", "selectable_splats", "unregister"]
-
-
 _MIN_SHARE = 0.2
 """Least share that an object has in what the eye sees at a place where it can be clicked."""
 _MIN_OPACITY = 0.15

@@ -14,8 +14,6 @@ from pathlib import Path
 
 from .problem import Problem
 
-__all__ = ["add_complex_functions"]
-
 COMPILER, DUMP = "x86_64-w64-mingw32-gcc", "x86_64-w64-mingw32-objdump"
 LIBRARIES = Path("usr/lib/x86_64-linux-gnu/wine/x86_64-windows")
 REPLACED, OWN = "ucrtbase.dll", "ucrtreal.dll"

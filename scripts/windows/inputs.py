@@ -14,8 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from .problem import Problem
 
-__all__ = ["ALL_PHOTOS", "PHOTOS", "write_colmap_model", "write_photos", "write_transforms", "write_video"]
-
 ROOM = ROOT / "demo" / "museum_room"
 ALL_PHOTOS = sorted((ROOM / "photos").glob("*.jpg"))
 PHOTOS = ALL_PHOTOS[::4]

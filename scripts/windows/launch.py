@@ -23,20 +23,6 @@ if __package__ in (None, ""):
 
 from windows.problem import Problem
 
-__all__ = [
-    "CERTIFICATES",
-    "CODE_PAGES",
-    "ENVIRONMENTS",
-    "STAMP",
-    "TEMPLATE",
-    "USER",
-    "WINE",
-    "Done",
-    "Windows",
-    "cache_folder",
-    "require",
-]
-
 USER = "José Łukasz-Ångström Müller"
 """The user's name, with letters that no single code page has, spaces and 27 characters."""
 

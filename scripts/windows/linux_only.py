@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["BLENDER", "GROUPS", "IN_BLENDER", "NOT_ON_WINDOWS", "QUICK", "WITH_MODELS"]
-
 GROUPS = {
     "processes": ("tests/engine/core/test_child_process.py", "tests/engine/workers/jobs", "tests/engine/core/system"),
     "files": ("tests/engine/core/files", "tests/engine/project/test_project_folder.py"),

@@ -27,8 +27,6 @@ from .c_runtime import COMPILER
 from .launch import ENVIRONMENTS, STAMP, Windows
 from .problem import Problem
 
-__all__ = ["LOCKED", "MARKERS", "install_python", "install_wheels", "site_folder", "windows_lines"]
-
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
 PYTHON = "3.11.9"

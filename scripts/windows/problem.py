@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Problem"]
-
 
 class Problem(Exception):
     """Something that is not as it should be, as a sentence."""

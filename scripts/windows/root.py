@@ -17,8 +17,6 @@ from .c_runtime import COMPILER, add_complex_functions
 from .launch import CERTIFICATES, CODE_PAGES, TEMPLATE, USER, WINE, Windows, require
 from .problem import Problem
 
-__all__ = ["alone", "make_root", "make_template"]
-
 RELEASE = "trixie"
 _PACKAGES = ("wine64", "wine", "locales", "ca-certificates")
 _MINGW = "gcc-mingw-w64-x86-64-posix"

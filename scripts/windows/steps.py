@@ -10,8 +10,6 @@ from typing import Any
 
 from .launch import Windows
 
-__all__ = ["Context", "Result", "Step"]
-
 
 @dataclass
 class Context:

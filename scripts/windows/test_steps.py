@@ -14,8 +14,6 @@ from .linux_only import BLENDER, GROUPS, IN_BLENDER, NOT_ON_WINDOWS, QUICK, WITH
 from .problem import Problem
 from .steps import Context, Step
 
-__all__ = ["test_addon", "test_steps", "told"]
-
 _MAX_SECONDS = 7200.0
 _MAX_SECONDS_OF_A_TEST = 1200
 _SHOWN_FAILURES = 12

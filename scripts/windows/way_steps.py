@@ -24,8 +24,6 @@ from .problem import Problem
 from .steps import Context, Step
 from .test_steps import test_addon
 
-__all__ = ["way_steps"]
-
 MAX_PATH = 260
 WORD = "vase"
 FORMATS = ("ply", "glb", "spz", "usd", "html")

@@ -10,8 +10,6 @@ from typing import cast
 from grimp import ImportGraph
 from importlinter import Contract, ContractCheck, fields, output
 
-__all__ = ["PublicFacesContract"]
-
 _DEPTH = 3
 """Parts of the name of a package of the engine: ``gaussian_heritage.engine.cameras``."""
 

@@ -26,8 +26,6 @@ from engine.scene import Detailed, Gaussians, write_camera_set, write_photo_set
 from engine.training import save_gaussians
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 
-__all__ = ["N_GAUSSIANS", "write_finished_project"]
-
 N_GAUSSIANS = 400
 """One at each point of the given cameras."""
 _SIZE = (256, 192)

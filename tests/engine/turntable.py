@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-__all__ = ["CENTRE", "RADIUS", "write_turntable"]
-
 CENTRE, RADIUS = (160, 120), 55
 _SIZE = (320, 240)
 

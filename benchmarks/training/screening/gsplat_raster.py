@@ -19,8 +19,6 @@ from engine.rasterizer.raster import RasterInputs
 from engine.training import loop, step, views
 from engine.training.settings import LAMBDA_DSSIM
 
-__all__ = ["GpuTarget", "gsplat_in_training", "photometric_loss", "rasterize", "ssim"]
-
 DEVICE = "cuda"
 
 _WINDOW = 11

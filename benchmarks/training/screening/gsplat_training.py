@@ -17,8 +17,6 @@ from engine.training.views import TrainingView, scene_extent
 
 from .gsplat_raster import DEVICE, GpuTarget
 
-__all__ = ["train_gsplat"]
-
 _SH_DEGREE = 3
 _OF_30_000 = {"refine_start_iter": 500, "refine_stop_iter": 25_000, "refine_every": 100, "sh_interval": 1000}
 """Steps of gsplat's own schedule of 30,000 steps; ours are scaled to the steps that are made."""

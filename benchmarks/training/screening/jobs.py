@@ -27,8 +27,6 @@ from .gsplat_raster import gsplat_in_training
 from .gsplat_training import train_gsplat
 from .views_file import read_views
 
-__all__ = ["FIGURES", "GSPLAT", "Job", "measured_figures", "run_jobs"]
-
 FIGURES = {"psnr": float, "fitted_psnr": float, "ssim": float, "dark_share": float}
 """Figures of a training on test photos, and their types."""
 

@@ -12,8 +12,6 @@ from engine.core.files import ArraySpec, atomic_write, read_arrays
 from engine.scene import CameraSet, PinholeCamera
 from engine.training.views import TrainingView
 
-__all__ = ["read_views", "write_views"]
-
 _JPEG_QUALITY = 95
 """Keeps a set of 50 photos below 8 MB; the error of the photos is far below that of any training."""
 _ARRAYS = {

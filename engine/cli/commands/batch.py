@@ -12,8 +12,6 @@ from ...core.words import join_texts, split_list
 from ...pipeline.stages import STAGES
 from .scene_options import add_device_option, add_no_objects_option, add_preset_option, add_prompts_option, prompts_of
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "batch"
 HELP = "Reconstruct many photo folders, on this computer or a Dask cluster; run again, it continues."
 EXAMPLE = "python -m engine batch scans/* --out scenes --scheduler tcp://head:8786"

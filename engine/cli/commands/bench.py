@@ -11,8 +11,6 @@ from ...project.folder import PROJECT_FILE, ProjectFolder
 from ...quality.bench.settings import BenchSettings
 from .scene_options import add_camera_options, add_device_option, add_no_objects_option, describe_presets
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "bench"
 HELP = "Train presets on one scene and compare their error against run time; finished runs are kept."
 EXAMPLE = "python -m engine bench photos --presets preview,standard,best --limit 30 --out comparison"

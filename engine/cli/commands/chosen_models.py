@@ -7,8 +7,6 @@ from typing import Any
 
 from ...masks.settings import SAM_MODELS
 
-__all__ = ["add_sam_argument", "model_factories"]
-
 
 def add_sam_argument(parser: argparse.ArgumentParser) -> None:
     """Add ``--sam``."""

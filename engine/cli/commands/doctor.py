@@ -8,8 +8,6 @@ from dataclasses import asdict
 from ...core.events import Emit, Finished, StopCheck
 from ..doctor import examine
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "doctor"
 HELP = "Check what this machine has and lacks for the engine."
 EXAMPLE = "python -m engine doctor"

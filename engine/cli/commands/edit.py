@@ -13,8 +13,6 @@ from ...project.folder import ProjectFolder
 
 Number = TypeVar("Number", int, float)
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
-
 NAME = "edit"
 HELP = "Set which Gaussians an object has, rename or merge objects, or delete them; what is replaced goes to the trash."
 EXAMPLE = "python -m engine edit scene --merge vase=lid --rename vase=Vase"

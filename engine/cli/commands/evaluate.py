@@ -16,8 +16,6 @@ from ...quality.evaluation.settings import Layout, PromptKind, Views
 from .chosen_models import add_sam_argument, model_factories
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "evaluate"
 HELP = "Isolate the objects of a ground truth with several methods and compare them; the project is only read."
 EXAMPLE = "python -m engine evaluate scene demo/museum_room/truth --presets paper,better --ablations"

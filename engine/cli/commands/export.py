@@ -20,8 +20,6 @@ from ...scene import ExportFrame
 if TYPE_CHECKING:
     from ...delivery.packages import Export
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "export"
 HELP = "Write the scene or one object as a file of Gaussians or a mesh for other programs, or as a page."
 EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"

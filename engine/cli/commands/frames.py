@@ -10,8 +10,6 @@ from ...core.errors import PhotoError
 from ...core.events import Emit, Finished, StageStarted, StopCheck
 from ...photos.settings import VideoSettings
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "frames"
 HELP = "Write the sharpest frames of a video as photos, evenly by the motion of the camera."
 EXAMPLE = "python -m engine frames walk.mp4 --out photos --max 100"

@@ -17,8 +17,6 @@ from .named_photos import known_photo
 if TYPE_CHECKING:
     from ...scene import Measurement, Point
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
-
 NAME = "measure"
 HELP = "Give a scene its scale, ground, north and origin by points picked on photos, and measure distances."
 EXAMPLE = "python -m engine measure scene --distance IMG_1.jpg=364,500 IMG_1.jpg=364,700 0.42"

@@ -15,8 +15,6 @@ from ...core.events import Emit, Finished, StopCheck, part_of
 if TYPE_CHECKING:
     from ...install.models import ModelFile
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "models"
 _EVALUATE = "evaluate-words"
 _DEMO_ROOMS = ("museum_room", "store_room")

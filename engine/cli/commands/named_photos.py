@@ -12,8 +12,6 @@ from ...core.errors import PromptError
 if TYPE_CHECKING:
     from ...objects import Point, Prompt
 
-__all__ = ["known_photo", "points_in_known_photos", "prompt_in_known_photos"]
-
 
 def known_photo(name: str, photos: Iterable[str]) -> str:
     """Return the photo that a typed name means; `name` itself when none fits.

@@ -11,8 +11,6 @@ from ...core.events import Emit, Finished, Progress, StopCheck, Warned
 from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "package"
 HELP = "Write each object, or the whole scene, as a package to keep: files, records, pictures and checksums."
 EXAMPLE = "python -m engine package scene --object vase --out packages"

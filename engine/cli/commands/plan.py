@@ -29,8 +29,6 @@ from .scene_options import (
     overrides_of,
 )
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "plan"
 HELP = "Show what a reconstruction would do and omit, and how much time and memory it needs, before any work."
 EXAMPLE = "python -m engine plan photos --preset best"

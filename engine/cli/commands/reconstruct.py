@@ -27,8 +27,6 @@ from .scene_options import (
     prompts_of,
 )
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "reconstruct"
 HELP = "Rebuild a scene from a folder of photos; continues where an earlier run stopped."
 EXAMPLE = 'python -m engine reconstruct photos --out scene --prompts "vase, teapot"'

@@ -9,8 +9,6 @@ from ...core.errors import EnvironmentProblem, SettingsError
 from ...core.events import Emit, StopCheck
 from . import frames, reconstruct, segment
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "remote"
 HELP = "Run reconstruct, segment or frames on the workers of a Dask cluster that share the folders."
 EXAMPLE = "python -m engine remote --scheduler tcp://head:8786 -- segment /scans/room --prompt vase"

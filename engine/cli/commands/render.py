@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from ...rasterizer import Device
     from ...scene import Gaussians
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "render"
 HELP = "Render the scene or an object, in the pixels of the original photo after EXIF rotation."
 EXAMPLE = "python -m engine render scene --view IMG_3023.jpg --what rgb --out view.png"

@@ -9,8 +9,6 @@ from ...core.events import Emit, Finished, StopCheck
 from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
-
 NAME = "report"
 HELP = "Write the report of a scene: error against run time, stage times, objects, what was left out."
 EXAMPLE = "python -m engine report scene"

@@ -14,21 +14,6 @@ from ...training.settings import LIGHT_DESCRIPTION, LIGHT_SHARE, PRESET_LIST
 if TYPE_CHECKING:
     from ...project.own_words import OwnWords
 
-__all__ = [
-    "add_camera_options",
-    "add_device_option",
-    "add_no_objects_option",
-    "add_own_words_option",
-    "add_preset_option",
-    "add_prompts_option",
-    "add_setting_options",
-    "add_size_options",
-    "describe_presets",
-    "overrides_of",
-    "own_words_of",
-    "prompts_of",
-]
-
 
 def describe_presets() -> str:
     """Return the names of the presets with what each is for."""

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from ...objects import Segmenter
     from ...scene import Camera, PinholeCamera
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "segment"
 HELP = "Isolate objects of a trained scene by text, click, box or mask; correct an object; or find all objects."
 EXAMPLE = "python -m engine segment scene --click IMG_3023.jpg=364,500 --not IMG_3023.jpg=364,700 --name statue"

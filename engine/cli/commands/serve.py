@@ -14,8 +14,6 @@ from .scene_options import add_device_option
 if TYPE_CHECKING:
     from ...serve import Accounts
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "serve"
 HELP = "Serve the web page: photos are uploaded in a browser, reconstructed here, and leave as objects."
 EXAMPLE = "python -m engine serve --data scans --lan"

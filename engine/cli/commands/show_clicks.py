@@ -14,8 +14,6 @@ from ...project.folder import ProjectFolder
 from ...workers.jobs import Click, pack_mask, read_question
 from .chosen_models import add_sam_argument
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "show-clicks"
 HELP = "Say what clicks on photos mean, as masks: questions are lines of JSON on standard input, for programs."
 EXAMPLE = "python -m engine show-clicks scene --events"

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from ...core.events import Emit, Finished, StopCheck
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "stability"
 HELP = "Compare rasterizer, loss and optimiser with float64, and train, in stiff and extreme cases."
 EXAMPLE = "python -m engine stability --case needle_1e6"

@@ -31,8 +31,6 @@ from ...project.objects import (
 )
 from ...scene import load_detailed
 
-__all__ = ["BY_HAND", "read_membership", "store_edits"]
-
 BY_HAND = "hand"
 """Kind of prompt of an object that was made by hand."""
 

@@ -10,8 +10,6 @@ from ...core.errors import SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...project.folder import ProjectFolder
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "add_arguments", "run"]
-
 NAME = "trash"
 HELP = "List the objects that were deleted or replaced, restore one, or delete them for good."
 EXAMPLE = "python -m engine trash restore scene vase"

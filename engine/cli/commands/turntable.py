@@ -10,8 +10,6 @@ from ...core.events import Emit, Finished, StopCheck
 from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
-__all__ = ["EXAMPLE", "HELP", "LOG_IN", "NAME", "USES_CAMERAS", "add_arguments", "run"]
-
 NAME = "turntable"
 HELP = "Write a contact sheet (PNG) and a film (WebM and MP4) of an object that turns, or of the scene's photo places."
 EXAMPLE = "python -m engine turntable scene --object vase --out vase_pictures"

@@ -8,8 +8,6 @@ from pathlib import Path
 from ...core.errors import FormatError
 from ...core.events import Emit, Finished, StopCheck, Warned
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "verify"
 HELP = "Compare the files of a package (BagIt, a folder or a zip file) with their checksums, and say what changed."
 EXAMPLE = "python -m engine verify packages/vase"

@@ -13,8 +13,6 @@ from ...project.folder import ProjectFolder
 from ...project.own_words import OwnWords, set_learning
 from .scene_options import add_own_words_option, own_words_of
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "run"]
-
 NAME = "vocabulary"
 HELP = (
     "List, forget, export or import the words that your own objects have taught; let a project learn, or stop it. "

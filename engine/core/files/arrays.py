@@ -22,8 +22,6 @@ from ..errors import FormatError
 from ..system import free_memory
 from .reading import opened
 
-__all__ = ["ArraySpec", "read_array", "read_arrays"]
-
 _MAX_HEADER_BYTES = 10_000
 _MAX_ARRAY_BYTES = 16 << 30
 _MAX_MEMBERS = 4096

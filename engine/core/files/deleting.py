@@ -8,8 +8,6 @@ from ..errors import DiskError
 from ..system import delete_file, delete_tree
 from .paths import path_within
 
-__all__ = ["delete_derived"]
-
 
 def delete_derived(folder: Path, *names: str) -> None:
     """Delete the file or folder `names` below `folder`, if it exists; a link is deleted, never what it leads to.

@@ -16,8 +16,6 @@ from .arrays import ArraySpec, read_arrays
 from .reading import parse_json
 from .writing import atomic_write
 
-__all__ = ["keep_arrays", "read_kept_arrays"]
-
 _LOG = logging.getLogger(__name__)
 _HEADER = "header"
 _TEXT = ArraySpec("str", ())

@@ -8,15 +8,6 @@ from pathlib import Path, PurePath
 
 from ..errors import FormatError, ProjectError
 
-__all__ = [
-    "derived_name",
-    "is_inner_name",
-    "object_file",
-    "path_within",
-    "problem_of_inner_name",
-    "require_no_links_out",
-]
-
 _MAX_NAME_BYTES = 255
 _MAX_SHOWN = 200
 """Characters of a name that a message shows."""

@@ -17,8 +17,6 @@ from typing import IO, Any, NoReturn
 from ..errors import FormatError
 from .schema import Schema, check
 
-__all__ = ["mapped", "opened", "parse_json", "read_bytes", "read_json", "read_text"]
-
 _MAX_TEXT_BYTES = 16 << 20
 _MAX_DECODED_BYTES = 192 << 20
 _BYTES_PER_MARK = {b"{": 232, b"[": 88, b",": 40, b":": 40, b'"': 40}

@@ -12,8 +12,6 @@ from ..system import change_time_ns
 from .schema import Schema
 from .writing import file_sha256
 
-__all__ = ["FILE_RECORD", "FileRecord", "is_as_recorded", "record_of"]
-
 FileRecord = dict[str, int | str]
 """``size`` in bytes and ``sha256``."""
 

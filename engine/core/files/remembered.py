@@ -9,8 +9,6 @@ from typing import TypeVar
 
 from ..errors import HeritageError
 
-__all__ = ["read_after_change", "stamp_of"]
-
 _Value = TypeVar("_Value")
 _Stamps = tuple[tuple[int, int] | None, ...]
 _MAX_FOLDERS = 1000

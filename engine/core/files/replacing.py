@@ -11,8 +11,6 @@ from ..system import delete_file, replace_file
 from .deleting import delete_derived
 from .writing import TEMPORARY_PREFIX, write_problem
 
-__all__ = ["finish_replacements", "replace_together"]
-
 _NEW = TEMPORARY_PREFIX + "set"
 _COMPLETE = ".complete-set"
 """Folder with a complete set of new files. When it exists, they replace the old ones, if need be in a later run."""

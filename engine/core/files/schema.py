@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-__all__ = ["Schema", "check", "optional"]
-
 Schema = Any
 """The schema of a JSON value:
 

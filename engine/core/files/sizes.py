@@ -6,8 +6,6 @@ import contextlib
 import os
 from pathlib import Path
 
-__all__ = ["bytes_of"]
-
 
 def bytes_of(path: Path) -> int:
     """Return the size of a file, or of all files in a folder; what is not there or cannot be read counts nothing."""

@@ -19,8 +19,6 @@ from ..errors import FormatError
 from .paths import is_inner_name
 from .reading import opened
 
-__all__ = ["StoredPackage", "opened_package", "write_zip"]
-
 _MAX_FILES = 200_000
 _MAX_GROWTH = 100
 _FREE_GROWTH = 64 << 20

@@ -9,8 +9,6 @@ from ..errors import FormatError
 from .reading import parse_json, read_text
 from .schema import Schema
 
-__all__ = ["read_versioned"]
-
 
 def read_versioned(path: Path, schema: Schema, *, version: int, advice: str) -> dict[str, Any]:
     """Return the JSON object in a file.

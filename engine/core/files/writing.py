@@ -15,8 +15,6 @@ from typing import IO, Any
 from ..errors import DiskError
 from ..system import advice_for, delete_file, replace_file
 
-__all__ = ["TEMPORARY_PREFIX", "atomic_write", "file_sha256", "finite_or_null", "write_json", "write_problem"]
-
 TEMPORARY_PREFIX = ".writing-"
 
 

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 
 from .text import run_text
 
-__all__ = ["python_advice"]
-
 
 def python_advice(versions: Sequence[tuple[int, int]]) -> str:
     """Return a sentence that says how one of `versions` of Python is installed here, the first being the best."""

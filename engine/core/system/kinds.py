@@ -8,8 +8,6 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["SYSTEMS", "System", "describe_system", "package_system", "missing_runtime", "this_system", "unsupported"]
-
 
 @dataclass(frozen=True)
 class System:

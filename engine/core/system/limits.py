@@ -12,18 +12,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-__all__ = [
-    "cpu_seconds_limited",
-    "exit_cause",
-    "ignore_signals_of_the_terminal",
-    "killed_for_memory",
-    "killed_for_time",
-    "limit_memory",
-    "memory_limited",
-    "no_core_dumps",
-    "wall_seconds_limited",
-]
-
 _WINDOWS_NO_MEMORY = (0xC0000017, 0xC000012D)
 """STATUS_NO_MEMORY and STATUS_COMMITMENT_LIMIT."""
 

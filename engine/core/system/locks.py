@@ -6,8 +6,6 @@ import errno
 import sys
 from typing import IO
 
-__all__ = ["try_lock"]
-
 _HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)
 """Errors of a lock that another program holds; others mean that the disk has no locks."""
 

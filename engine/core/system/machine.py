@@ -18,20 +18,6 @@ from typing import Any
 from .kinds import describe_system
 from .text import run_text
 
-__all__ = [
-    "Machine",
-    "PeakMemory",
-    "card_memory",
-    "cpu_seconds",
-    "describe_machine",
-    "free_memory",
-    "has_nvidia_driver",
-    "peak_memory",
-    "total_memory",
-    "usable_cores",
-    "use_cores",
-]
-
 _CGROUP = Path("/sys/fs/cgroup")
 _OWN_GROUPS = Path("/proc/self/cgroup")
 _GRAPHICS = Path("/sys/class/drm")

@@ -11,17 +11,6 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path, PurePath
 
-__all__ = [
-    "CODE_ROOT",
-    "engine_folder",
-    "library_folder",
-    "native_path",
-    "npm_settings_files",
-    "program_in",
-    "python_in",
-    "takes_path",
-]
-
 CODE_ROOT = Path(__file__).resolve().parents[3]
 """The folder that contains the package `engine`: a checkout, or the extension."""
 _PROBE = ".heritage-"

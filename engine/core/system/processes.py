@@ -18,19 +18,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
-__all__ = [
-    "end_children_with_this_process",
-    "end_with_parent",
-    "is_cheap_to_recognise",
-    "kill_group",
-    "kill_recognised",
-    "lower_priority",
-    "no_window",
-    "own_group",
-    "process_runs",
-    "start_time",
-]
-
 _PROC = Path("/proc")
 _MAX_LIST_SECONDS = 10.0
 

@@ -14,8 +14,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["advice_for", "delete_file", "delete_tree", "replace_file"]
-
 _PAUSES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0)
 """Seconds between two trials."""
 _ACCESS_DENIED, _SHARING_VIOLATION, _LOCK_VIOLATION, _PATH_TOO_LONG, _DISK_FULL = 5, 32, 33, 206, 112

@@ -8,8 +8,6 @@ import signal
 import sys
 from collections.abc import Iterator
 
-__all__ = ["handlers_kept", "signals_held_back"]
-
 _SIGACTION_BYTES = 512
 """Larger than ``struct sigaction`` on every system."""
 

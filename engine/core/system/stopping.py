@@ -12,8 +12,6 @@ import signal
 import time
 from pathlib import Path
 
-__all__ = ["STOP_VARIABLE", "StopOnSignal", "request_stop"]
-
 STOP_VARIABLE = "GAUSSIAN_HERITAGE_STOP_FILE"
 """Environment variable with the path of the file that asks a process to stop."""
 

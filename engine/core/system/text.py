@@ -11,8 +11,6 @@ from typing import TextIO
 
 from .processes import no_window
 
-__all__ = ["json_printable", "printable", "run_text", "with_utf8"]
-
 _NOT_ASCII = re.compile(r"[^\x00-\x7f]")
 
 

@@ -10,8 +10,6 @@ import time
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["change_time_ns", "name_in_order"]
-
 _DIGITS = 20
 _lock = threading.Lock()
 _last = 0

@@ -8,8 +8,6 @@ import os
 import sys
 from collections.abc import Iterator
 
-__all__ = ["variable_for_libraries"]
-
 
 @contextlib.contextmanager
 def variable_for_libraries(name: str, value: str) -> Iterator[None]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-__all__ = ["Likeness", "likeness"]
-
 Likeness = Literal["hardly", "a little", "probably", "clearly"]
 
 _LITTLE, _PROBABLE = 0.2, 0.5

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 from .vocabulary_words import adjectives, normalised, word_list
 
-__all__ = ["join_texts", "split_list", "split_texts"]
-
 _QUOTES = ('""', "“”", "„“", "„”", "«»", "»«", "‘’", "‚‘", "''")
 _QUOTED_FORMS = "|".join(rf"{first}(?:[^{last}\n]|{last}(?=\w))+{last}" for first, last in map(tuple, _QUOTES))
 _QUOTED = re.compile(rf"(?<!\w)(?:{_QUOTED_FORMS})(?!\w)")

@@ -12,11 +12,6 @@ from pathlib import Path
 
 from ..files import read_text
 
-__all__ = [
-    "FOREIGN_FILE", "MADE_CLASSES", "ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt",
-    "singulars", "word_list",
-]  # fmt: skip
-
 _HERE = Path(__file__).parent
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue"})
 FOREIGN_FILE = _HERE / "foreign_words.txt"

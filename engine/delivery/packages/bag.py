@@ -13,8 +13,6 @@ from pathlib import Path
 from ... import __version__
 from ...core.files import atomic_write, file_sha256
 
-__all__ = ["PAYLOAD", "escaped", "write_bag"]
-
 PAYLOAD = "data"
 _VERSION = "BagIt-Version: 1.0\nTag-File-Character-Encoding: UTF-8\n"
 

@@ -10,8 +10,6 @@ from ...core.files import path_within, record_of
 from ...photos import exif_facts
 from ...project.folder import ProjectFolder
 
-__all__ = ["add_exif", "photo_file"]
-
 
 def photo_file(project: ProjectFolder, capture: dict[str, Any]) -> Path | None:
     """Return the photo of a capture, None where its folder does not hold the very file that was used."""

@@ -8,8 +8,6 @@ from typing import Any
 from ...core.files import file_sha256
 from ...formats import FORMATS
 
-__all__ = ["CRATE_FILE", "media_type", "write_crate"]
-
 CRATE_FILE = "ro-crate-metadata.json"
 _MEDIA_TYPES = {
     **{suffix: kind.media_type for kind in FORMATS for suffix in kind.suffixes},

@@ -42,19 +42,8 @@ from .page import Framing, Part, framing_of_object, framing_of_scene, write_page
 if TYPE_CHECKING:
     from ...meshing import MeshResult
     from ...meshing.settings import MeshSettings
-    from ...pictures import Backend
+    from ...rasterizer.settings import Backend
     from .turntable import Turn
-
-__all__ = [
-    "Export",
-    "divided",
-    "load_export",
-    "mesh_of",
-    "mesh_sentence",
-    "turn_of",
-    "write_export",
-    "write_mesh_export",
-]
 
 _UP: dict[str, Up | None] = {"original": None, "world": "z"}
 """The axis that points up where neither the format nor its viewers say it; given poses do not say what is up."""

@@ -27,10 +27,10 @@ from ...core.files import (
 from ...core.system import replace_file
 from ...formats import FORMATS, format_of
 from ...meshing.settings import MeshSettings
-from ...pictures import Backend
 from ...project.content import report_file
 from ...project.folder import ProjectFolder
 from ...project.objects import new_id
+from ...rasterizer.settings import Backend
 from ..records import EXAMPLE_ADDRESS, Picture, crm_json_ld, dublin_core_xml, iiif_manifest, lido_xml
 from .bag import PAYLOAD, write_bag
 from .captures import add_exif, photo_file
@@ -38,8 +38,6 @@ from .crate import media_type, write_crate
 from .exporting import Export, divided, load_export, mesh_of, turn_of, write_export, write_mesh_export
 from .page import is_viewer_built
 from .turntable import SHEET, Turn, write_films, write_sheet
-
-__all__ = ["package_name", "write_package"]
 
 _PICTURES = "pictures"
 _RECORDS = "records"

@@ -20,8 +20,6 @@ from ...formats import write_ply
 from ...scene import Gaussians, PinholeCamera, looked_at
 from ..report import Html, fill, joined
 
-__all__ = ["Framing", "Part", "framing_of_object", "framing_of_scene", "is_viewer_built", "write_page"]
-
 _VIEWER = Path(__file__).resolve().parent / "viewer_files"
 _ADVICE = "Run `make page` in the source code, or use a release that contains the page."
 _MAX_BYTES = 400_000_000

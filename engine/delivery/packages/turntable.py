@@ -18,12 +18,10 @@ from ...core.errors import Cancelled, DiskError, EnvironmentProblem, ProjectErro
 from ...core.events import StopCheck, never_stop
 from ...core.files import delete_derived, write_problem
 from ...core.system import replace_file
-from ...pictures import Backend, Scene, render_view, write_png
+from ...pictures import Scene, render_view, write_png
+from ...rasterizer.settings import Backend
 from ...scene import Camera, Gaussians, PinholeCamera
 from ..report import PAPER_WHITE, best_seen_from, orbit_cameras, picture_sheet, render_alone
-
-__all__ = ["FILMS", "N_PICTURES", "SHEET", "Turn", "turn_of_object", "turn_of_scene", "write_films", "write_sheet"]
-
 
 N_PICTURES = 72
 """Pictures of a turn: one each five degrees of a full one."""

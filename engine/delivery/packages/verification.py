@@ -15,8 +15,6 @@ from ...core.errors import Cancelled, FormatError
 from ...core.events import StopCheck, never_stop
 from ...core.files import StoredPackage, is_inner_name, opened_package
 
-__all__ = ["Verification", "verify_package"]
-
 _ALGORITHMS = ("sha512", "sha256")
 """Hashes that nobody can forge, the preferred first. Packages with MD5 or SHA-1 alone are refused."""
 _MAX_LIST_BYTES = 64 << 20

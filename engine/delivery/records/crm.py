@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 from urllib.parse import quote
 
-__all__ = ["crm_json_ld"]
-
 _CONTEXT = {
     "crm": "http://www.cidoc-crm.org/cidoc-crm/",
     "crmdig": "http://www.ics.forth.gr/isl/CRMdig/",

@@ -7,8 +7,6 @@ from typing import Any
 
 from .xml_text import add, xml_text
 
-__all__ = ["dublin_core", "dublin_core_xml"]
-
 _DC = "http://purl.org/dc/elements/1.1/"
 _OAI_DC = "http://www.openarchives.org/OAI/2.0/oai_dc/"
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["gltf_extras", "ply_comments", "xmp_packet"]
-
 _FIELDS = ("catalogue_number", "rights", "notes")
 _CONTEXT = {
     "dc": "http://purl.org/dc/elements/1.1/",

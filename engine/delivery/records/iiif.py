@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
-__all__ = ["EXAMPLE_ADDRESS", "Picture", "iiif_manifest"]
-
 EXAMPLE_ADDRESS = "https://example.org/"
 """Address in manifests of pictures that are published nowhere yet; IIIF demands one. RFC 2606 reserves it."""
 

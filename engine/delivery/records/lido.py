@@ -9,8 +9,6 @@ from urllib.parse import quote
 
 from .xml_text import add, xml_text
 
-__all__ = ["lido_xml"]
-
 _LIDO = "http://www.lido-schema.org"
 _XML_LANG = "{http://www.w3.org/XML/1998/namespace}lang"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"

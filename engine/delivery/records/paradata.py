@@ -18,8 +18,6 @@ from ...project.provenance import describe_run
 from ...scene import read_camera_set, read_photo_set
 from .unit import describe_unit
 
-__all__ = ["PARADATA_VERSION", "describe_object", "describe_scene", "scene_title"]
-
 PARADATA_VERSION = 1
 _STEPS = {
     "photos": "reading the photos",

@@ -7,8 +7,6 @@ from typing import Any
 from ...project.folder import ProjectFolder
 from ...scene import load_measurement
 
-__all__ = ["describe_unit"]
-
 _NOT_KNOWN = "The unit of length is not known, because no distance was given. It is not a metre."
 
 

@@ -14,9 +14,10 @@ from ...cameras import training_pinhole
 from ...core.errors import FormatError, ObjectError, PhotoError
 from ...core.files import atomic_write, delete_derived, finite_or_null, write_json
 from ...core.parts import part
-from ...pictures import Backend, Scene, write_png
+from ...pictures import Scene, write_png
 from ...project.folder import ProjectFolder
 from ...project.objects import list_objects, load_membership, object_gaussians
+from ...rasterizer.settings import Backend
 from ...scene import Camera, Gaussians
 from ...training import Coverage, Parameters
 from .facts import collect_facts
@@ -30,8 +31,6 @@ from .views import (
     orbit_pictures,
     photo_pair,
 )
-
-__all__ = ["build_report"]
 
 log = logging.getLogger(__name__)
 

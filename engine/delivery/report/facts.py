@@ -11,8 +11,6 @@ from ...project.folder import PROJECT_FILE, ProjectFolder
 from ...project.objects import list_objects
 from ..records import describe_scene, scene_title
 
-__all__ = ["REPORT_VERSION", "STAGES", "collect_facts"]
-
 REPORT_VERSION = 1
 STAGES = ("photos", "cameras", "masks", "training", "objects")
 _NUMBER = optional((float, None))

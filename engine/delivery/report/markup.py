@@ -9,8 +9,6 @@ from typing import Any
 
 from ...core.visible_text import visible
 
-__all__ = ["Html", "fill", "joined"]
-
 
 class Html(str):
     """Text that is HTML already. Only `fill`, `joined` and constants of the page make it."""

@@ -17,8 +17,6 @@ from .plots import error_curve
 from .style import STYLE
 from .views import PhotoPair
 
-__all__ = ["Pictures", "page"]
-
 _STAGE_NAMES = {
     "photos": "Reading the photos",
     "cameras": "Finding the cameras",

@@ -7,8 +7,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["compare_curves", "error_curve"]
-
 _INK, _LINE, _QUIET = "#2b2a27", "#8a4b2a", "#3f6673"
 
 

@@ -10,11 +10,9 @@ import numpy as np
 
 from ...core.arrays import Pixels
 from ...core.visible_text import visible
-from ...pictures import Backend, Scene
+from ...pictures import Scene
+from ...rasterizer.settings import Backend
 from ...scene import Gaussians, PinholeCamera
-
-__all__ = ["picture_sheet", "render_alone"]
-
 
 _MIN_ALPHA, _FULL_ALPHA = 0.3, 0.7
 """Alpha that becomes background, and alpha that becomes opaque: Gaussians fade out over more pixels than an outline."""

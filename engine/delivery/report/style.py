@@ -1,7 +1,5 @@
 """How the page looks: quiet, readable on a phone and on paper."""
 
-__all__ = ["STYLE"]
-
 STYLE = """
 :root{--ink:#2b2a27;--quiet:#6d6a63;--line:#d9d4c8;--paper:#f6f4ef;--card:#fffdf8;--accent:#8a4b2a}
 *{box-sizing:border-box}

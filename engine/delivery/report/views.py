@@ -13,20 +13,11 @@ from ...cameras import covering_pinhole, is_point_visible, training_pinhole, und
 from ...core.files import path_within
 from ...masks import feature_agreement
 from ...objects import spread_cameras
-from ...pictures import Backend, Scene, render_view
+from ...pictures import Scene, render_view
+from ...rasterizer.settings import Backend
 from ...scene import Camera, Gaussians, PinholeCamera
 from ...training import WELL_SEEN, Coverage
 from .sheet import render_alone
-
-__all__ = [
-    "PAPER_WHITE",
-    "PhotoPair",
-    "best_seen_from",
-    "measure_feature_agreement",
-    "orbit_cameras",
-    "orbit_pictures",
-    "photo_pair",
-]
 
 PAPER_WHITE = (0.965, 0.957, 0.937)
 """Background of objects, sRGB in [0, 1]: the colour of the page."""

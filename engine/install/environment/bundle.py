@@ -27,8 +27,6 @@ from .pythons import VERSIONS, usable, version_text
 from .target import Target
 from .torch_builds import torch_source
 
-__all__ = ["Bundle", "write_bundle"]
-
 _INFO = "bundle.json"
 _SCHEMA = {"version": int, "platform": str, "python": str, "torch": str, "files": {str: str}}
 _VERSION = 1

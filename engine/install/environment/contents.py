@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CONTENTS", "DISK_GB", "DOWNLOAD_GB", "Part", "sizes"]
-
 DOWNLOAD_GB = {"cpu": 0.7, "cuda": 3.5}
 """Downloaded packages and model files, by build of torch, measured on Linux."""
 

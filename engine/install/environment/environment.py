@@ -14,8 +14,6 @@ from ...core.files import delete_derived, read_json, read_text, write_json
 from ...core.system import engine_folder, python_in
 from .locked import fingerprint, locked_file
 
-__all__ = ["FOLDER_VARIABLE", "EngineEnvironment", "State", "default_folder"]
-
 FOLDER_VARIABLE = "GAUSSIAN_HERITAGE_ENGINE"
 """Environment variable with the folder of the installed engine."""
 

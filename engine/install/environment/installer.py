@@ -28,8 +28,6 @@ from .pip_wheel import fetch_pip
 from .pythons import VERSIONS, Interpreter, find_pythons, usable, version_text
 from .torch_builds import TorchSource, default_build, torch_source
 
-__all__ = ["LONGEST_PATH", "install"]
-
 Answer = TypeVar("Answer")
 
 STAGE = "set-up"

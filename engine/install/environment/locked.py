@@ -6,8 +6,6 @@ import hashlib
 import re
 from pathlib import Path
 
-__all__ = ["fingerprint", "hashes_in", "locked_arguments", "locked_file", "pinned", "pins_in"]
-
 
 def locked_file(name: str) -> Path:
     """Return ``locked-<name>.txt``: "engine", "torch", "pip" or "cuda" (what only CUDA builds of torch need)."""

@@ -14,8 +14,6 @@ from ...core.files import parse_json
 from ...core.system import run_text
 from ..programs import run_program
 
-__all__ = ["ONE_INDEX", "NotTrusted", "Pip", "run_logged"]
-
 ONE_INDEX = {"PIP_EXTRA_INDEX_URL": " ", "PIP_FIND_LINKS": " "}
 """Environment variables with which pip asks only the index on its command line: they replace the user's other ones. An
 empty value would not."""

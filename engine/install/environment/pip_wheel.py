@@ -11,8 +11,6 @@ from ...core.files import atomic_write
 from ...core.https import open_https
 from .locked import hashes_in, locked_file
 
-__all__ = ["fetch_pip"]
-
 _URL = (
     "https://files.pythonhosted.org/packages/70/7a/be4bd8bcbb24ea475856dd68159d78b03b2bb53dae369f69c9606b8888f5/"
     "pip-26.1-py3-none-any.whl"

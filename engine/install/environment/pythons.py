@@ -13,8 +13,6 @@ from pathlib import Path
 
 from ...core.system import package_system, run_text
 
-__all__ = ["VERSIONS", "Interpreter", "find_python", "find_pythons", "usable", "version_text"]
-
 VERSIONS = ((3, 11), (3, 12), (3, 13))
 """Versions of Python that the engine's packages have files for, the one that is tested first."""
 

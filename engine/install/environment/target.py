@@ -10,8 +10,6 @@ from ...core.errors import EnvironmentProblem
 from ...core.files import read_text
 from ...core.system import System
 
-__all__ = ["Target"]
-
 _ENTRY = re.compile(r"^(?=[A-Za-z0-9])", re.MULTILINE)
 _HEAD = re.compile(r"([\w.-]+==[^\s;\\]+)\s*(?:;\s*([^\\\n]+?))?\s*(\\?\n.*)", re.DOTALL)
 _MAX_BYTES = 4 << 20

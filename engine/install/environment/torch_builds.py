@@ -16,8 +16,6 @@ from .locked import hashes_in, locked_arguments, locked_file, pinned
 from .pip_command import Pip
 from .target import Target
 
-__all__ = ["TorchSource", "default_build", "torch_source"]
-
 PYTORCH_INDEX = "https://download.pytorch.org/whl/"
 _ALONE: list[object] = ["--no-deps", "--only-binary", ":all:"]
 _UNVERIFIED = "; its SHA-256 is not in locked-torch.txt, so it is not checked"

@@ -15,8 +15,6 @@ from typing import IO, cast
 from ...core.errors import HeritageError, ModelFileError
 from ...core.files import opened
 
-__all__ = ["open_member"]
-
 _MAX_DIRECTORY_BYTES = 4 << 20
 """Of an archive's list of files: some 80,000 names. Python's objects take 20 times more."""
 

@@ -13,8 +13,6 @@ from ...core.errors import ModelFileError
 from .catalogue import find_model_file
 from .verification import find_problem
 
-__all__ = ["CACHE_VARIABLE", "OFFLINE_VARIABLE", "locate", "models_folder"]
-
 CACHE_VARIABLE = "GAUSSIAN_HERITAGE_CACHE"
 """Environment variable that names the cache folder."""
 

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 from ...core.errors import ModelFileError
 
-__all__ = ["ANY_WORD_MODEL", "CATALOGUE", "GROUPS", "ModelFile", "find_model_file", "find_model_files"]
-
 
 @dataclass(frozen=True)
 class ModelFile:

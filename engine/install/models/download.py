@@ -19,8 +19,6 @@ from .catalogue import ModelFile
 from .partial import PartialFile
 from .verification import check_received, find_size_problem, refused
 
-__all__ = ["download_file"]
-
 _CHUNK_BYTES = 1 << 18
 _PROGRESS_INTERVAL_SECONDS = 0.5
 _NETWORK_ERRORS = (OSError, http.client.HTTPException, ValueError)

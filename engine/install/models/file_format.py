@@ -14,8 +14,6 @@ from ...core.errors import FormatError
 from ...core.files import parse_json
 from .protobuf import Field, NotProtobuf, fields
 
-__all__ = ["find_format_problem"]
-
 _MAX_JSON_BYTES = 16 << 20
 _MAX_FIELDS = 1 << 17  # a model has some thousands; more of them would only take time
 # Fields of `ModelProto` and of `GraphProto` in onnx.proto that every model has.

@@ -21,8 +21,6 @@ from ...core.https import open_https
 from .cache import OFFLINE_VARIABLE
 from .npm_settings import NpmSettings, read_npm_settings
 
-__all__ = ["fetch_npm_package"]
-
 _CHUNK = 1 << 18
 _MAX_DESCRIPTION = 8 << 20
 _SHORT_DESCRIPTION = "application/vnd.npm.install-v1+json; q=1.0, application/json; q=0.8"

@@ -18,8 +18,6 @@ from ...core.files import read_text
 from ...core.https import Connection
 from ...core.system import npm_settings_files
 
-__all__ = ["NpmSettings", "read_npm_settings"]
-
 _DEFAULT_REGISTRY = "https://registry.npmjs.org/"
 _VARIABLE = re.compile(r"\$\{([^}]+)\}")
 _MAX_BYTES = 1 << 20

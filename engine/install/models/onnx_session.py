@@ -22,8 +22,6 @@ from .catalogue import CATALOGUE
 if TYPE_CHECKING:
     import onnxruntime
 
-__all__ = ["Session", "gpu_provider_is_installed", "open_gpu_session", "open_session"]
-
 _LOG = logging.getLogger(__name__)
 
 _CUDA = "CUDAExecutionProvider"

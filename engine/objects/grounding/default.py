@@ -11,15 +11,6 @@ from ...install.models import ANY_WORD_MODEL, find_model_file, find_model_files,
 from .detector import Detector
 from .image_text import ENCODERS
 
-__all__ = [
-    "WORD_MODELS",
-    "default_detector_name",
-    "load_default_detector",
-    "load_detector",
-    "offered_model",
-    "stored_describers",
-]
-
 _LOG = logging.getLogger(__name__)
 # In order of preference, after the encoders; the paper uses the base model.
 _GROUNDING_DINO_NAMES = ("grounding-dino-base", "grounding-dino-tiny")

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 
 from ...core.arrays import Float32, Int32, Mask, Pixels
 
-__all__ = ["Detection", "Detector", "PromptCheck"]
-
 
 @dataclass(frozen=True)
 class Detection:

@@ -12,8 +12,6 @@ from ...core.arrays import Float32, Int64, Pixels
 from ...core.errors import PromptError
 from .tokenizer_file import open_tokenizer
 
-__all__ = ["Tokenizer", "Tokens", "normalise_picture", "resized_size", "to_caption"]
-
 # Mean and standard deviation of the Swin backbone's training pictures, RGB, 0 to 1.
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)

@@ -17,8 +17,6 @@ from torch.nn import functional
 
 from ...core.errors import ModelFileError
 
-__all__ = ["INPUT_SIDE", "N_FEATURES", "EfficientNetLite2", "Stage"]
-
 INPUT_SIDE = 260
 N_FEATURES = 1280
 # The Lite models were trained on (RGB - 127) / 128.

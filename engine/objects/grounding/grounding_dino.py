@@ -21,9 +21,6 @@ from .detector import Detection, Detector, PromptCheck
 from .dino_inputs import Tokenizer, Tokens, normalise_picture, resized_size, to_caption
 from .settings import GroundingSettings
 
-__all__ = ["Boxes", "GroundingDino", "best_segments", "decode_outputs"]
-
-
 _INPUTS = ("pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask")
 _OUTPUTS = ["logits", "pred_boxes"]
 _CROP_MARGIN = 0.2  # chosen on museum_room

@@ -17,8 +17,6 @@ from ...core.errors import ModelFileError, PromptError
 from ...install.models import Session, find_model_files, locate, open_session
 from .tokenizer_file import open_tokenizer
 
-__all__ = ["ENCODERS", "EncoderKind", "ImageTextEncoder", "Tower", "load_encoder"]
-
 
 @dataclass(frozen=True)
 class EncoderKind:

@@ -12,8 +12,6 @@ from ...core.errors import FormatError
 from ...core.files import ArraySpec, atomic_write, read_array
 from ...project.folder import stage_key
 
-__all__ = ["kept_vectors"]
-
 
 def kept_vectors(
     folder: Path | None,

@@ -34,8 +34,6 @@ from .vocabulary import N_CLASSES, Vocabulary
 from .wholeness import usual_features, whole_odds
 from .windows import find_windows
 
-__all__ = ["OfflineVocabulary"]
-
 Score = TypeVar("Score", float, Float32)
 
 _BATCH_SIZE = 4

@@ -11,8 +11,6 @@ from ...core.arrays import Float32
 from ...core.errors import DiskError, FormatError
 from ...core.files import ArraySpec, atomic_write, delete_derived, read_array
 
-__all__ = ["RowCache"]
-
 _LOG = logging.getLogger(__name__)
 
 

@@ -11,8 +11,6 @@ from ...core.arrays import Float32, normalized
 from ...install.models import open_session
 from .tokenizer_file import open_tokenizer
 
-__all__ = ["SentenceEncoder"]
-
 _WIDTH = 384
 _MAX_TOKENS = 256
 _BATCH_SIZE = 64

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from ...core.settings import require
 
-__all__ = ["GroundingSettings"]
-
 
 @dataclass(frozen=True)
 class GroundingSettings:

@@ -10,8 +10,6 @@ from ...core.errors import EnvironmentProblem, ModelFileError
 if TYPE_CHECKING:
     from tokenizers import Tokenizer
 
-__all__ = ["open_tokenizer"]
-
 
 def open_tokenizer(path: Path, model: str) -> Tokenizer:
     """Return the tokenizer in a file. It neither cuts texts off nor pads them.

@@ -14,8 +14,6 @@ from .detector import PromptCheck
 from .kept_vectors import kept_vectors
 from .sentences import SentenceEncoder
 
-__all__ = ["N_CLASSES", "Vocabulary", "required_text"]
-
 N_CLASSES = 1000
 # Smallest similarity of a known prompt; calibrated, see docs/design_notes/grounding.md.
 _MIN_SIMILARITY = 0.61  # chosen on prompt_words

@@ -15,9 +15,6 @@ import numpy as np
 from ...core.arrays import Float32
 from ...core.files import read_text
 
-__all__ = ["USUAL_FILE", "WEIGHTS_FILE", "usual_features", "whole_odds"]
-
-
 WEIGHTS_FILE = Path(__file__).with_name("whole_things.txt")
 USUAL_FILE = Path(__file__).with_name("usual_features.txt")
 

@@ -17,8 +17,6 @@ from ...core.arrays import Float32, Pixels
 from .crops import Box
 from .efficientnet import INPUT_SIDE, EfficientNetLite2
 
-__all__ = ["Window", "find_windows", "square_windows"]
-
 # A window of this many cells covers about the area that the network saw in training (260 pixels are 8.1 cells).
 _WINDOW_CELLS = 7  # chosen on museum_room
 _CELL_PIXELS = 32

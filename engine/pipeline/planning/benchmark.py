@@ -18,8 +18,6 @@ from ...scene import Gaussians, PinholeCamera
 from ...training.settings import TrainingSettings
 from .calibration import Benchmark, Calibration, load_calibration
 
-__all__ = ["calibrate", "measure_speed", "memory_with_libraries"]
-
 _LOG = logging.getLogger(__name__)
 
 _WIDTH, _HEIGHT = 320, 240

@@ -20,16 +20,6 @@ from ...core.files import check, optional, read_json, write_json
 from ...core.system import Machine
 from ...project.folder import stage_key
 
-__all__ = [
-    "CALIBRATION_VARIABLE",
-    "Benchmark",
-    "Calibration",
-    "Correction",
-    "calibration_file",
-    "load_calibration",
-    "outcome_name",
-]
-
 _log = logging.getLogger(__name__)
 
 CALIBRATION_VARIABLE = "GAUSSIAN_HERITAGE_CALIBRATION"

@@ -5,8 +5,6 @@ The constants of the time are provisional: they come from random Gaussians on an
 
 from __future__ import annotations
 
-__all__ = ["card_bytes", "card_slowdown", "card_step_seconds", "gaussians_that_fit"]
-
 _FEATURES = 16
 """Segmentation features of a Gaussian."""
 _PAIRS = 3

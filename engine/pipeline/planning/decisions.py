@@ -25,21 +25,6 @@ from ...scene import CameraSet, Photo, PhotoSet
 from ...training import MIN_PHOTOS_TO_CHOOSE, settings_with_sizes, validation_photos
 from ...training.settings import DEFAULT_PRESET, PRESETS, TrainingSettings
 
-__all__ = [
-    "LeftOut",
-    "PlanSettings",
-    "ScenePlan",
-    "WorkPlan",
-    "evenly_spaced",
-    "largest_photo",
-    "n_test_photos",
-    "plan_scene",
-    "plan_work",
-    "steps_for",
-    "training_settings",
-    "work_plan_as_dict",
-]
-
 Pairs = Literal["none", "all", "promising"]
 
 MIN_TEXTURE_SHARE = 0.04  # chosen on museum_room, sakharov_statue32, skull66, banana16

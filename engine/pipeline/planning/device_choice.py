@@ -19,14 +19,6 @@ from ...training.settings import PRESETS, TrainingSettings
 from .card_forecast import card_bytes, gaussians_that_fit
 from .decisions import PlanSettings, largest_photo, n_test_photos
 
-__all__ = [
-    "choose_sizes",
-    "kept_sizes",
-    "planned_device",
-    "record_sizes",
-    "training_is_to_come",
-]
-
 _RECORD = "training_sizes"
 """Name in ``project.json`` of the sizes of each preset that was trained."""
 _SIZES = dict.fromkeys(("steps", "rounds", "max_side", "max_gaussians"), int)

@@ -22,16 +22,6 @@ from .card_forecast import card_slowdown, card_step_seconds
 from .decisions import WorkPlan
 from .stage_forecast import StageForecast, wall_share, with_work_beside
 
-__all__ = [
-    "Forecast",
-    "forecast_as_dict",
-    "cpu_seconds_of",
-    "forecast_work",
-    "memory_of",
-    "step_seconds",
-    "training_seconds",
-]
-
 _SPREAD_80 = 1.2816
 """Standard deviations on either side of the mean that contain 80 % of a normal distribution."""
 

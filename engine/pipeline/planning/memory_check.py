@@ -12,8 +12,6 @@ from .calibration import Calibration, outcome_name
 from .decisions import WorkPlan
 from .forecast import Forecast, memory_of
 
-__all__ = ["require_enough_memory"]
-
 
 def require_enough_memory(forecast: Forecast, work: WorkPlan, calibration: Calibration) -> None:
     """Raise an error if a stage needs more memory than is free.

@@ -9,8 +9,6 @@ from .calibration import Calibration, outcome_name
 from .decisions import WorkPlan
 from .forecast import Forecast
 
-__all__ = ["update_calibration"]
-
 
 def update_calibration(
     project: ProjectFolder,

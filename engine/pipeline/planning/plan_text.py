@@ -11,8 +11,6 @@ from ...training.settings import TrainingPreset
 from .decisions import WorkPlan
 from .forecast import Forecast
 
-__all__ = ["format_plan", "format_presets"]
-
 
 def format_plan(work: WorkPlan, forecast: Forecast) -> str:
     """Return plan and forecast as text of several lines."""

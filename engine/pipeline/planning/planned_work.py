@@ -23,8 +23,6 @@ from .decisions import PlanSettings, WorkPlan, plan_work, training_settings, wor
 from .device_choice import choose_sizes
 from .forecast import Forecast, forecast_as_dict, forecast_work
 
-__all__ = ["PlannedWork", "plan_and_forecast", "plan_presets", "store_forecast"]
-
 _STORED_FORECAST = {"stages": [{"stage": str}]}
 
 

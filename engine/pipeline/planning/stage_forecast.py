@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-__all__ = ["StageForecast", "wall_share", "with_work_beside"]
-
 _SERIAL_SHARE = {
     "photos": 0.1, "cameras": 0.2, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
 }  # fmt: skip  # chosen on museum_room, sakharov_statue32

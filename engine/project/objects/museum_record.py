@@ -8,8 +8,6 @@ from pathlib import Path
 from ...core.errors import FormatError
 from ...core.files import object_file, optional, read_versioned, write_json
 
-__all__ = ["MUSEUM_RECORD_FILE", "RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
-
 RECORD_VERSION = 1
 MUSEUM_RECORD_FILE = "record.json"
 

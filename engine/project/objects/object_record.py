@@ -14,22 +14,6 @@ from ...core.files import FILE_RECORD, FileRecord, Schema, object_file, optional
 from ...core.settings import to_dict
 from ..provenance import RUN
 
-__all__ = [
-    "COMPUTED_FILES",
-    "LEVELS_FILE",
-    "MEMBERSHIP_FILE",
-    "DETAIL_FILE",
-    "PICTURE_FILE",
-    "RECORD_FILE",
-    "ObjectRecord",
-    "new_id",
-    "new_name",
-    "read_record",
-    "recorded_files",
-    "rename_object",
-    "write_record",
-]
-
 RECORD_FILE = "object.json"
 MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE = "membership.npy", "levels.npy", "detail.npz"
 COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE)

@@ -15,8 +15,6 @@ from ...core.settings import to_dict
 from .object_record import RECORD_FILE, read_record, recorded_files
 from .stored_objects import object_ids
 
-__all__ = ["UNREADABLE", "object_states", "state_of"]
-
 UNREADABLE = "unreadable"
 """State of an object whose record cannot be read; it equals no other."""
 

@@ -38,19 +38,6 @@ from .object_record import (
     write_record,
 )
 
-__all__ = [
-    "detail_of",
-    "forget_unreadable_record",
-    "is_object_intact",
-    "load_level",
-    "load_levels",
-    "load_membership",
-    "membership_in",
-    "object_gaussians",
-    "require_intact",
-    "save_object",
-]
-
 _ADVICE = "Isolate the object again."
 
 

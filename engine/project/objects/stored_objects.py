@@ -9,8 +9,6 @@ from ...core.errors import ObjectError
 from ...core.files import object_file
 from .object_record import RECORD_FILE, ObjectRecord, read_record
 
-__all__ = ["list_objects", "load_object", "object_ids", "taken_ids"]
-
 
 def object_ids(project: Path) -> list[str]:
     """Return the ids of the objects of a project: the names of the folders that hold a record. No record is read."""

@@ -40,17 +40,6 @@ from .object_record import (
 from .state_digest import state_of
 from .stored_objects import list_objects, load_object, object_ids, taken_ids
 
-__all__ = [
-    "Trashed",
-    "bring_back",
-    "delete_object",
-    "discard_object",
-    "empty_trash",
-    "keep_version",
-    "list_trash",
-    "restore_object",
-]
-
 _TRASH, _OBJECT, _INFO = "trash", "object", "trash.json"
 _VERSION = 1
 _SCHEMA = {"version": int, "id": str, "name": str, "deleted": str, "why": str, "scene": optional((str, None))}

@@ -37,8 +37,6 @@ from ...training.settings import PRESETS, TrainingSettings
 from .prepared import PreparedScene, prepare, prepare_masks, read_prepared, train_prepared
 from .settings import EVERYTHING, BenchSettings
 
-__all__ = ["Row", "compare", "pareto_front", "savings"]
-
 STOPPED_KEY = "stopped_at_limit"
 """Key in a project of the time limit at which its training was stopped."""
 

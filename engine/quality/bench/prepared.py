@@ -12,12 +12,11 @@ from ...masks import label_map_path
 from ...photos import PhotoStatistics, inspect_photos
 from ...pipeline.planning import WorkPlan, plan_scene, record_sizes
 from ...pipeline.reconstruct import PipelineSettings
-from ...pipeline.stages import StageRunner, TrainingInput, cameras_stage, masks_stage, photos_stage, training_stage
+from ...pipeline.runner import StageRunner
+from ...pipeline.stages import TrainingInput, cameras_stage, masks_stage, photos_stage, training_stage
 from ...project.folder import ProjectFolder
 from ...scene import read_camera_set, read_photo_set
 from ...training.settings import TrainingSettings
-
-__all__ = ["PreparedScene", "prepare", "prepare_masks", "read_prepared", "train_prepared"]
 
 
 @dataclass(frozen=True)

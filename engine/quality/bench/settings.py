@@ -9,8 +9,6 @@ from ...core.settings import require
 from ...rasterizer.settings import DeviceName
 from ...training.settings import PRESETS
 
-__all__ = ["EVERYTHING", "BenchSettings"]
-
 EVERYTHING = "_full"
 """Ending of the name of a preset that is trained with nothing left out."""
 

@@ -15,8 +15,6 @@ from ..evaluation import write_section
 from ..evaluation.settings import IN_SAMPLE_PHOTO_SETS, IN_SAMPLE_SCENES, MARKS
 from .comparison import Row, pareto_front, savings
 
-__all__ = ["markdown", "write_comparison"]
-
 _EXPLANATION = """## What the columns mean
 
 Errors of all rows are measured at the picture size of the largest preset. The curves were measured during training,

@@ -19,9 +19,6 @@ from .ground_truth import GroundTruth
 if TYPE_CHECKING:
     from ...objects.grounding import Detector
 
-__all__ = ["words_of_true_masks"]
-
-
 _MIN_VISIBLE_SHARE = 0.25  # that of engine.objects.crops
 """Smallest area of an object in a photo, as a share of its area in the selected photo that shows most of it."""
 

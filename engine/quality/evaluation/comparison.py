@@ -21,9 +21,6 @@ from ...scene import Camera
 from .ground_truth import GroundTruth
 from .image_metrics import psnr
 
-__all__ = ["NOTHING_RETURNED", "Comparison", "Scores", "compare_with_all", "resized", "score_photo"]
-
-
 _MAX_ASPECT_DEVIATION = 0.02
 """Largest relative difference of the aspect ratios of a photo and its mask."""
 

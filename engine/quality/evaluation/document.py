@@ -6,8 +6,6 @@ from pathlib import Path
 
 from ...core.files import atomic_write, read_text
 
-__all__ = ["write_section"]
-
 _HEADING = "## "
 
 

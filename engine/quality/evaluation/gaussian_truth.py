@@ -13,8 +13,6 @@ from ...pictures import Scene
 from ...scene import CameraSet
 from .ground_truth import GroundTruth
 
-__all__ = ["UNSEEN", "gaussian_iou", "gaussian_truth"]
-
 UNSEEN = -1
 """Label of Gaussians that no photo shows."""
 _MIN_WEIGHT = 1.0

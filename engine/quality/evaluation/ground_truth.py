@@ -17,9 +17,6 @@ from ...core.files import is_inner_name, opened, optional, read_json, read_text
 from ...scene import photos_called
 from .settings import Layout
 
-__all__ = ["GroundTruth", "read_ground_truth"]
-
-
 _MIN_PIXELS = 100
 """Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from ...core.errors import NumericalError
 
-__all__ = ["psnr"]
-
 
 def psnr(image: NDArray[Any], target: NDArray[Any], *, mask: NDArray[np.bool_] | None = None) -> float:
     """Return the peak signal-to-noise ratio in dB, infinite for equal pictures.

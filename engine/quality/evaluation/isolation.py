@@ -28,8 +28,6 @@ from .results import FOUND_IOU, Evaluation, Result, ResultKind, Row, Search, Wor
 from .settings import EvaluationSettings, Layout, Method, methods_of
 from .trained_scene import Answer, Question, TrainedScene
 
-__all__ = ["evaluate_project"]
-
 STAGE = "evaluation"
 Answers = Mapping[tuple[Question, str], Answer]
 """Answers by question and name of the method."""

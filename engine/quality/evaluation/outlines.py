@@ -24,8 +24,6 @@ from .ground_truth import GroundTruth, read_ground_truth
 if TYPE_CHECKING:
     from ...objects.grounding import Detector
 
-__all__ = ["OutlineFigures", "WordRule", "evaluate_outlines", "outline_table"]
-
 _MIN_AREA = 0.25
 """Smallest area of a thing in a photo, as a share of that in the photo which shows most of it."""
 

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 from .results import Evaluation, Row, mean_of
 from .settings import methods_of
 
-__all__ = ["curve_picture"]
-
 _INK = "#2b2a27"
 
 

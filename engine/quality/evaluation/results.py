@@ -10,8 +10,6 @@ import numpy as np
 
 from .settings import EvaluationSettings, Layout
 
-__all__ = ["FOUND_IOU", "WHOLE_IOU", "Evaluation", "Result", "ResultKind", "Row", "Search", "Word", "mean_of"]
-
 FOUND_IOU = 0.5
 """Mean IoU over the compared photos from which on an object, or a word, counts as found."""
 WHOLE_IOU = 0.85

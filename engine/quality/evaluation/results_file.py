@@ -10,8 +10,6 @@ from ...core.settings import to_dict
 from .results import Evaluation
 from .summary import n_ranked_first, summarise
 
-__all__ = ["write_results"]
-
 _VERSION = 1
 
 

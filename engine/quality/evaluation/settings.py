@@ -8,18 +8,6 @@ from typing import Literal
 from ...core.settings import require, require_choices
 from ...objects.settings import BETTER, PRESETS, PaperSettings, SegmentSettings
 
-__all__ = [
-    "IN_SAMPLE_PHOTO_SETS",
-    "IN_SAMPLE_SCENES",
-    "MARKS",
-    "EvaluationSettings",
-    "Layout",
-    "Method",
-    "PromptKind",
-    "Views",
-    "methods_of",
-]
-
 PromptKind = Literal["text", "mask", "click", "all"]
 Views = Literal["held-out", "all"]
 Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]

@@ -10,8 +10,6 @@ import numpy as np
 from .results import Evaluation, Row, Search, Word, mean_of
 from .settings import methods_of
 
-__all__ = ["Summary", "n_ranked_first", "summarise"]
-
 
 @dataclass(frozen=True)
 class Summary:

@@ -19,8 +19,6 @@ from .summary import n_ranked_first, summarise
 
 T = TypeVar("T")
 
-__all__ = ["INTRODUCTION", "MEANINGS", "data_of", "markdown", "write_evaluation"]
-
 _MEASURES = "IoU | BIoU | halo | stray | holes | Gaussians | PSNR dB | CPU s | wall s"
 _RIGHT = " | ".join(["---:"] * 9)
 _PROMPTS: dict[PromptKind, str] = {

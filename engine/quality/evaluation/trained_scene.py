@@ -43,8 +43,6 @@ from .comparison import resized
 from .ground_truth import GroundTruth
 from .settings import Method, PromptKind
 
-__all__ = ["Answer", "Question", "TrainedScene"]
-
 
 @dataclass(frozen=True)
 class Question:

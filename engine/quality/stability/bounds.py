@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from ...rasterizer.settings import ALPHA_MAX, T_MIN
 
-__all__ = ["BOUNDS", "DEFAULT", "EPS32", "FLIP", "Bounds", "bounds_of"]
-
 EPS32 = 2.0**-23
 """Distance from 1 to the next float32 number: the unit of the bound on gradients."""
 

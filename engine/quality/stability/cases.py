@@ -17,8 +17,6 @@ from .georeferenced import normalised_scene, unnormalised_case
 from .measure import Finding, Outcome, Reason, measure_scene
 from .scenes import NAMES, Scene, facing_camera, ordinary_scene
 
-__all__ = ["CASES", "Case"]
-
 
 @dataclass(frozen=True)
 class Case:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 
 import torch
 
-__all__ = ["DRAWS", "STEP", "perturbed", "row_norms", "sensitivities"]
-
 Arrays = Mapping[str, torch.Tensor]
 
 _SEED = 11

@@ -15,8 +15,6 @@ from .bounds import Bounds
 from .measure import Finding
 from .scenes import Scene, facing_camera, ordinary_scene
 
-__all__ = ["unnormalised_case", "normalised_scene"]
-
 
 def _offset(origin: float) -> Float64:
     """Return the position of the scene, about `origin` metres east and north, not on a round float32 number."""

@@ -14,8 +14,6 @@ from .bounds import Bounds
 from .condition import sensitivities
 from .measure import Finding, worst_gradient
 
-__all__ = ["PICTURES", "compares_pictures", "exact_loss", "refuses_huge_photo", "refuses_picture"]
-
 Pair = tuple[torch.Tensor, torch.Tensor]
 SIZE = (27, 35)
 _LAMBDA = 0.2

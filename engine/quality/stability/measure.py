@@ -15,8 +15,6 @@ from .condition import row_norms, sensitivities
 from .scenes import NAMES, Scene
 from .thresholds import pixels_near_thresholds
 
-__all__ = ["Finding", "GradientError", "Outcome", "Reason", "largest_error", "measure_scene", "worst_gradient"]
-
 Outcome = Literal["bounded", "culled", "refused"]
 Reason = Literal["near", "degenerate", "transparent", "outside"]
 

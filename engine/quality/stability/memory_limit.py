@@ -17,8 +17,6 @@ from ...training import read_progress
 from .training_measure import non_finite_values, run_training, same_gaussians
 from .training_scenes import SETTINGS, known_capture, training_input
 
-__all__ = ["MALLOC_ENVIRONMENT"]
-
 MALLOC_ENVIRONMENT = {"MALLOC_ARENA_MAX": "1", "MALLOC_MMAP_THRESHOLD_": "65536", "MALLOC_TRIM_THRESHOLD_": "65536"}
 """Settings of the GNU C library with which large arrays are requested from the system each time, so that a limit on the
 process acts at once."""

@@ -14,8 +14,6 @@ from ...training import AdamState, adam_step
 from .bounds import Bounds
 from .measure import Finding
 
-__all__ = ["STEPS", "drifts", "refuses_gradient", "same_gradients", "valley"]
-
 Gradient = Callable[[Float64, int], Float64]
 
 STEPS = 10_000

@@ -17,16 +17,6 @@ from .bounds import Bounds
 from .measure import Finding, largest_error
 from .scenes import Scene, facing_camera, ordinary_scene
 
-__all__ = [
-    "clamp_has_no_gradient",
-    "array_order_does_not_matter",
-    "passes_agree",
-    "refuses_bad_camera",
-    "refuses_bad_gradient",
-    "refuses_input",
-]
-
-
 BAD_VALUES = (math.nan, math.inf, -math.inf)
 BACKENDS: tuple[Backend, ...] = ("cpu", "reference")
 DTYPES = {"cpu": torch.float32, "reference": torch.float64}

@@ -13,8 +13,6 @@ from ...rasterizer import Raster, rasterize
 from ...rasterizer.settings import Backend, RasterSettings
 from ...scene import PinholeCamera
 
-__all__ = ["NAMES", "ONE_THREAD", "Scene", "facing_camera", "ordinary_scene", "slanted_camera"]
-
 NAMES = ("means", "quats", "scales", "opacities", "sh", "channels")
 
 ONE_THREAD = RasterSettings(threads=1)

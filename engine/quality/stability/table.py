@@ -17,8 +17,6 @@ from .measure import Finding
 from .training_cases import TRAINING_CASES, TrainingCase
 from .training_table import TrainingRow, run_training_case, training_markdown
 
-__all__ = ["COMMAND", "Row", "run_case", "suite_markdown", "run_cases", "select_cases", "write_table"]
-
 COMMAND = "python -m engine stability --out docs/stability.md"
 
 _HEAD = ("case", "what", "expected", "found", "forward", "flips", "gradient", "condition", "in roundings", "verdict")

@@ -8,8 +8,6 @@ from ...rasterizer import project_centres, project_covariances
 from ...rasterizer.settings import ALPHA_MAX, ALPHA_MIN, COV_MAX, DET_MIN, QUAT_NORM2_MIN, T_MIN
 from .scenes import Scene
 
-__all__ = ["pixels_near_thresholds"]
-
 PIXELS_AT_ONCE = 2**21
 """Number of pairs of a pixel and a Gaussian that are processed at once, to limit memory."""
 

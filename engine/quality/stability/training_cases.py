@@ -37,8 +37,6 @@ from .training_scenes import (
     training_input,
 )
 
-__all__ = ["TRAINING_CASES", "TrainingCase"]
-
 Problems = Callable[[TrainingResult, TrainingSettings], list[str]]
 
 

@@ -23,20 +23,6 @@ from ...scene import Gaussians
 from .training_measure import measure_training
 from .training_scenes import SETTINGS, Capture, known_capture, pinhole, render_pixels, training_input
 
-__all__ = [
-    "ABOVE_FLAT_DB",
-    "EASIER_DB",
-    "OVERFIT_DB",
-    "SAME_RUN_DB",
-    "SIMILAR_RUN_DB",
-    "UNTEXTURED_DB",
-    "Floor",
-    "flat_floor",
-    "known_floor",
-    "training_psnr",
-    "undisturbed_floor",
-]
-
 EASIER_DB = 0.0
 """dB below the undisturbed case for captures with less to learn."""
 SAME_RUN_DB = 1.0

@@ -19,16 +19,6 @@ from ...training import CHECKPOINT_FILE, TrainingResult, load_gaussians, save_ga
 from ...training.settings import TrainingSettings
 from .training_scenes import TrainingInput
 
-__all__ = [
-    "TrainingFinding",
-    "CheckpointMonitor",
-    "measure_training",
-    "non_finite_values",
-    "refusal_finding",
-    "same_gaussians",
-    "run_training",
-]
-
 _STORED = ArraySpec("float32|int32|bool")
 Ending = Literal["finishes", "warns", "refused"]
 

@@ -21,8 +21,6 @@ from .memory_limit import MALLOC_ENVIRONMENT
 from .training_measure import CheckpointMonitor, TrainingFinding, run_training, same_gaussians
 from .training_scenes import SETTINGS, known_capture, training_input
 
-__all__ = ["resumes_exactly", "resumes_after_memory_error", "stays_empty"]
-
 _STEPS_PER_ATTEMPT = (1, 47, 20, 35)
 """Steps of each attempt: they end before the first checkpoint, between two, after growth, and near the end."""
 

@@ -23,20 +23,6 @@ from ...scene import CameraSet, Gaussians, PinholeCamera
 from ...training import TrainingView, is_held_out, start_gaussians
 from ...training.settings import PRESETS, TrainingSettings
 
-__all__ = [
-    "FOCAL",
-    "SETTINGS",
-    "Capture",
-    "TrainingInput",
-    "scale_learning_rates",
-    "known_capture",
-    "look_at_viewmat",
-    "pinhole",
-    "render_pixels",
-    "training_input",
-]
-
-
 WIDTH, HEIGHT = 48, 36
 FOCAL = 44.0
 N_PHOTOS = 12

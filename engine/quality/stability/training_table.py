@@ -9,8 +9,6 @@ from .training_cases import TrainingCase
 from .training_floors import OVERFIT_DB, SAME_RUN_DB, SIMILAR_RUN_DB, UNTEXTURED_DB
 from .training_measure import TrainingFinding
 
-__all__ = ["TITLE", "TrainingRow", "run_training_case", "training_markdown"]
-
 TITLE = "# Stability of training"
 
 _HEAD = ("case", "what", "expected", "lowest PSNR", "rule", "found", "PSNR", "guards", "verdict")

@@ -12,8 +12,6 @@ from typing import Any
 from ...core.errors import EnvironmentProblem
 from .modules import checks_can_be_left_out
 
-__all__ = ["Gpu", "describe_adapters", "open_adapter", "translate_card_errors"]
-
 _ORDER = {"DiscreteGPU": 0, "IntegratedGPU": 1, "VirtualGPU": 2, "CPU": 3}
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
 

@@ -14,8 +14,6 @@ from .adapters import Gpu, translate_card_errors
 from .frame import Frame
 from .layout import FrameSize, grown_capacity, pack_sh, unpack_sh
 
-__all__ = ["rasterize_gpu"]
-
 _NAMES = ("means", "quats", "scales", "opacities", "sh", "channels")
 
 

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from .adapters import Gpu
 
-__all__ = ["Constants", "Uniform"]
-
 _UNIFORM = 0x40 | 0x8  # UNIFORM | COPY_DST of WebGPU
 
 _ALIGNED = 256

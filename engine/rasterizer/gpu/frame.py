@@ -23,8 +23,6 @@ from .layout import BLOCK, Counts, FrameSize, sh_bytes, sh_ranges
 from .submissions import Dispatch, Submissions, Timings, encode
 from .workspace import Workspace
 
-__all__ = ["Frame", "camera_values"]
-
 
 def camera_values(camera: PinholeCamera, settings: RasterSettings) -> NDArray[np.uint32]:
     """Return the camera and the settings as kernels read them, in float32 with what it leaves out; shape [56]."""

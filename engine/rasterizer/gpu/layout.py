@@ -9,19 +9,6 @@ import numpy as np
 from ...core.arrays import Float32
 from ...core.errors import NumericalError
 
-__all__ = [
-    "BLOCK",
-    "Counts",
-    "FrameSize",
-    "grown_capacity",
-    "pack_sh",
-    "sh_bytes",
-    "sh_ranges",
-    "unpack_sh",
-    "with_room",
-]
-
-
 BLOCK = 64
 """Gaussians in a block of `pack_sh`."""
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-__all__ = ["checks_can_be_left_out", "create_module"]
-
 _VERSION = "0.32."
 
 

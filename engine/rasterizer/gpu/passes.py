@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 
 from .modules import checks_can_be_left_out
 
-__all__ = ["KernelPass", "address_of"]
-
 
 class _Functions(NamedTuple):
     """C functions, which are called without letting other threads run."""

@@ -26,9 +26,6 @@ from .layout import FrameSize, grown_capacity, pack_sh, sh_bytes
 from .submissions import Dispatch, Timings
 from .workspace import Workspace
 
-__all__ = ["GpuScene"]
-
-
 CHANNELS_PER_PASS = 16
 """Channels blended or voted for in one pass, beside colours. It bounds the memory of votes, 96 bytes a pair, and the number
 of kernels: a pass has this many channels or half, a quarter and so on."""

@@ -17,8 +17,6 @@ from .adapters import Gpu, open_adapter, translate_card_errors
 from .autograd import rasterize_gpu
 from .tested import has_passed_elsewhere
 
-__all__ = ["check_gpu", "open_gpu"]
-
 TOLERANCE = 1e-3
 """Largest relative difference (Euclidean norms) from the CPU. Rounding causes 1e-6, one flipped pixel at most 1e-3."""
 

@@ -25,17 +25,6 @@ from .. import settings
 from .adapters import Gpu
 from .modules import create_module
 
-__all__ = [
-    "SCAN_BLOCK",
-    "SORT_BLOCK",
-    "Kernels",
-    "RENDERING",
-    "Sources",
-    "backward_sizes",
-    "kernel_source",
-    "kernels_of",
-]
-
 SORT_BLOCK = 2048
 """Keys that a workgroup sorts."""
 

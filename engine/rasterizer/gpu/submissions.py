@@ -20,8 +20,6 @@ from .adapters import Gpu
 from .constants import Constants
 from .passes import KernelPass, address_of
 
-__all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "Timings", "encode", "run_together", "wait_until_done"]
-
 _COPY = 0x4 | 0x8  # COPY_SRC | COPY_DST of WebGPU
 
 Work = tuple[int, int]

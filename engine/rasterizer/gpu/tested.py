@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["has_passed_elsewhere", "passed_elsewhere"]
-
 _PASSED: set[str] = set()
 
 

@@ -15,8 +15,6 @@ from .constants import Constants, Uniform
 from .shaders import RENDERING, SCAN_BLOCK, SORT_BLOCK, Sources, kernels_of
 from .submissions import Count, Dispatch, wait_until_done
 
-__all__ = ["PLACES", "STORAGE", "Workspace"]
-
 STORAGE = 0x80 | 0x8 | 0x4  # STORAGE | COPY_DST | COPY_SRC of WebGPU
 _UNIFORM = 0x40
 _INDIRECT = 0x100

@@ -22,8 +22,6 @@ from ..texts import Line
 from ..videos import frames_arguments
 from ..word_models import describe_offer
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/projects/{project_id}/jobs", tags=["jobs"])
 if TYPE_CHECKING:
     _Preset = str

@@ -32,8 +32,6 @@ from ..library import NotFound, WebProject
 from ..texts import Line, Lines
 from ..thumbnails import object_thumbnail
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/projects/{project_id}/objects", tags=["objects"])
 _Text = Annotated[Line | None, Field(max_length=300)]
 

@@ -12,8 +12,6 @@ from ..conditional import file_answer
 from ..contents import describe_removed
 from ..small_photos import LARGE_SIDE, SMALL_SIDE
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/projects/{project_id}/photos", tags=["photos"])
 
 

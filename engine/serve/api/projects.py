@@ -17,8 +17,6 @@ from ..contents import describe_project, has_scene, summarise_project
 from ..reports import report_response
 from ..texts import Line
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/projects", tags=["projects"])
 
 

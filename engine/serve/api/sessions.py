@@ -13,8 +13,6 @@ from ..access import CurrentUser, local_user, server_of, session_cookie, session
 from ..downloads import DOWNLOADS
 from ..settings import PHOTO_TYPES
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/session", tags=["session"])
 
 

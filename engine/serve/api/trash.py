@@ -10,8 +10,6 @@ from ..access import CurrentProject, CurrentUser, server_of
 from ..contents import describe_removed, summarise_project
 from ..writers import only_writer
 
-__all__ = ["router"]
-
 router = APIRouter(tags=["trash"])
 
 

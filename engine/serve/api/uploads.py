@@ -24,8 +24,6 @@ from ..intake import is_video, is_video_name, photo_name, take_in_photo, take_in
 from ..unfinished import Upload
 from ..videos import frames_arguments
 
-__all__ = ["router"]
-
 _EXTENSIONS = "creation,termination"
 _CONTENT_TYPE = "application/offset+octet-stream"
 _UNSUPPORTED = ("upload-concat", "upload-defer-length", "x-http-method-override")

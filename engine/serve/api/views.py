@@ -21,8 +21,6 @@ from ..downloads import DownloadFormat, download_name
 from ..library import NotFound
 from ..small_photos import LARGE_SIDE
 
-__all__ = ["router"]
-
 router = APIRouter(prefix="/projects/{project_id}", tags=["views"])
 _Number = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
 _UP = (0.0, 0.0, 1.0)

@@ -29,8 +29,6 @@ from .steps import told_how_to_continue
 from .trainer import GpuTrainer
 from .training_frame import PhotoLoss, TrainingFrame
 
-__all__ = ["GpuDetailSteps"]
-
 _ADVICE = "nothing of this object was stored. Run again, or add `--device cpu` to detail it on the processor."
 
 _BATCH = 64

@@ -19,8 +19,6 @@ from ..settings import LAMBDA_DSSIM
 from .parameters import GpuParameters
 from .training_frame import PhotoLoss, TrainingFrame
 
-__all__ = ["DetailFrame", "Window", "packed_window"]
-
 _ALIGNED = 64
 """Values at whose multiples a part of a buffer may begin."""
 

@@ -6,8 +6,6 @@ from typing import Any
 
 from ...rasterizer.gpu import Frame, Uniform, run_together
 
-__all__ = ["ErrorSum"]
-
 
 class ErrorSum:
     """Dispatches that add the errors of pictures of one size to the buffer ``errors`` [N] of a frame.

@@ -11,8 +11,6 @@ from ...core.errors import NumericalError
 from ...rasterizer import check_finite
 from .parameters import GpuParameters
 
-__all__ = ["is_refusal", "raise_fault"]
-
 _TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
 
 

@@ -20,9 +20,6 @@ from ...rasterizer.gpu import (
 )
 from ..adam import AdamState
 
-__all__ = ["GROUPS", "GpuParameters"]
-
-
 GROUPS = ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest", "features")
 """Values that are trained with a learning rate of their own, in the order of optimiser.wgsl."""
 

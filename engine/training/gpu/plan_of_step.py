@@ -13,8 +13,6 @@ from .plans import StepPlan
 from .settings import StepLimits, StepSettings
 from .training_frame import Dropout, PositionNoise
 
-__all__ = ["plan_of_step", "step_settings"]
-
 
 def step_settings(inputs: Inputs) -> StepSettings:
     """Return what is the same in all steps of a run."""

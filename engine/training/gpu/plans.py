@@ -13,8 +13,6 @@ from ...scene import PinholeCamera
 from ..losses import Sample
 from .training_frame import Dropout, PositionNoise
 
-__all__ = ["Photo", "StepPlan", "valid_pixels"]
-
 
 @dataclass(frozen=True)
 class StepPlan:

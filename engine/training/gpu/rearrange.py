@@ -13,8 +13,6 @@ from ...rasterizer.gpu import Dispatch, Gpu, encode, sh_bytes, sh_ranges
 from .parameters import GpuParameters
 from .workspace import TrainingWorkspace
 
-__all__ = ["Rearrangement", "check_rearrangement"]
-
 _FRESH = np.uint32(1 << 31)  # as in gather_rows.wgsl
 
 

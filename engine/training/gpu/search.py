@@ -16,8 +16,6 @@ from ...rasterizer.gpu import Dispatch, Gpu, encode
 from .parameters import GpuParameters
 from .workspace import TrainingWorkspace
 
-__all__ = ["NearestSearch"]
-
 _BRANCHES, _LEVELS = 8, 12  # as in search.wgsl; 12 levels are enough for all numbers of 32 bits
 
 _SAMPLE = 4096

@@ -8,8 +8,6 @@ from ...core.settings import require
 from ...rasterizer.settings import RasterSettings
 from ..settings import LAMBDA_DSSIM
 
-__all__ = ["StepLimits", "StepSettings"]
-
 
 @dataclass(frozen=True)
 class StepLimits:

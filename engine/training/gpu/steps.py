@@ -25,8 +25,6 @@ from .plan_of_step import plan_of_step, step_settings
 from .plans import StepPlan
 from .trainer import GpuTrainer
 
-__all__ = ["GpuSteps", "told_how_to_continue"]
-
 CHECKPOINT_SECONDS = 30.0
 """Time between two checkpoints: what a card that stops working loses at most."""
 

@@ -42,8 +42,6 @@ from .settings import StepSettings
 from .training_frame import PhotoLoss, TrainingFrame
 from .workspace import TrainingWorkspace
 
-__all__ = ["GpuTrainer"]
-
 _BATCH = 64
 """Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a
 failure."""

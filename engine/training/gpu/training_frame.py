@@ -17,8 +17,6 @@ from .parameters import GROUPS, GpuParameters
 from .settings import StepLimits
 from .workspace import TrainingWorkspace
 
-__all__ = ["Dropout", "PhotoLoss", "PositionNoise", "TrainingFrame"]
-
 _GRADIENT_NOT_FINITE = 8  # as in verdict.wgsl
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from ...rasterizer.gpu import PLACES, RENDERING, Sources, Workspace
 from ..losses.photometric_kernels import SSIM_C1, SSIM_C2, SSIM_WINDOW
 
-__all__ = ["TrainingWorkspace"]
-
 _TRAINING = Path(__file__).parents[1]
 
 

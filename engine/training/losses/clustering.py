@@ -15,15 +15,6 @@ from ...rasterizer.gpu import Frame, Submissions, with_room
 from ...scene import PinholeCamera
 from .samples import Sample
 
-__all__ = [
-    "ClusteringLoss",
-    "ClusteringSample",
-    "LabelledPixels",
-    "clustering_loss",
-    "drawn_pixels",
-    "labelled_pixels",
-]
-
 _SAMPLES = 64
 """Samples of a workgroup of clustering_losses.wgsl."""
 

@@ -11,8 +11,6 @@ from ...core.arrays import Float32
 from ...rasterizer.gpu import STORAGE, Gpu
 from ..adam import AdamState
 
-__all__ = ["GpuExposures"]
-
 
 class GpuExposures:
     """Logarithms of the brightness factors of V views, one for each colour.

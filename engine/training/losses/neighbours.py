@@ -16,17 +16,6 @@ from ...rasterizer.gpu import Frame, Submissions, with_room
 from ...scene import PinholeCamera
 from .samples import Sample
 
-__all__ = [
-    "N_ANCHORS",
-    "N_FAR",
-    "N_NEIGHBOURS",
-    "NeighbourLoss",
-    "NeighbourSample",
-    "drawn_anchors",
-    "nearest_neighbours",
-    "neighbour_regulariser",
-]
-
 N_NEIGHBOURS = 6  # chosen on museum_room
 """Nearest other Gaussians of each, for `neighbour_regulariser`."""
 

@@ -15,8 +15,6 @@ from ...scene import PinholeCamera
 from .neighbours import LAMBDA_PULL, LAMBDA_PUSH, N_ANCHORS, NeighbourSample
 from .samples import Sample
 
-__all__ = ["PaperSample", "drawn_of_paper", "neighbours_of", "paper_regulariser"]
-
 PAPER_SUBSET = 300_000  # Dahaghin et al. 2024
 """Random Gaussians that `paper_regulariser` is restricted to, as in the released code."""
 

@@ -23,9 +23,6 @@ from .photometric_kernels import (
     similarity_and_maps,
 )
 
-__all__ = ["Target", "photometric_loss", "ssim"]
-
-
 TARGET_MAX = 2.0
 """Largest absolute value of a target. Values of a photo are in [0, 1]. The variances of SSIM are differences of
 squares: where image and photo both exceed 30, float32 does not resolve them beside C2 = 0.0009, and SSIM leaves

@@ -21,20 +21,6 @@ from numpy.typing import NDArray
 from ...core.arrays import Float32
 from ...rasterizer import INNER, JIT, Share, fma, load, select, splat, store, take_range
 
-__all__ = [
-    "BORDER",
-    "PAD",
-    "SSIM_C1",
-    "SSIM_C2",
-    "SSIM_WINDOW",
-    "STRIP",
-    "blur_target",
-    "difference_gradient",
-    "fill_planes",
-    "plane_layout",
-    "similarity_and_maps",
-]
-
 f4 = np.float32
 
 PAD = 16

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import torch
 
-__all__ = ["ray_disagreement"]
-
 
 def ray_disagreement(features: torch.Tensor, transmittance: torch.Tensor) -> torch.Tensor:
     """Return the mean variance of unit features along the rays of a picture.

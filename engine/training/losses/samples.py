@@ -8,8 +8,6 @@ from typing import Any, ClassVar, Protocol
 from ...rasterizer.gpu import Frame, Submissions, Workspace
 from ...scene import PinholeCamera
 
-__all__ = ["CardLoss", "Sample"]
-
 
 class CardLoss(Protocol):
     """Buffers and dispatches of a loss for pictures of one size."""

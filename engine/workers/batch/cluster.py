@@ -15,8 +15,6 @@ from ...core.system import describe_machine, usable_cores
 from ..jobs import CORES_VARIABLE
 from .settings import BatchSettings
 
-__all__ = ["GPU", "MEMORY", "connected_client", "worker_resources"]
-
 MEMORY, GPU = "MEMORY", "GPU"
 """Resources of a worker: bytes of memory for its engines, and number of GPUs."""
 _BYTES_PER_WORKER = 4_000_000_000

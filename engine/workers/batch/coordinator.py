@@ -26,8 +26,6 @@ from .settings import BatchSettings
 from .shipping import Bundle, mirror, pack, pack_photos
 from .stage_task import run_stage, stop_stages, topic_of
 
-__all__ = ["BatchResult", "Coordinator", "run_batch"]
-
 _POLL_SECONDS = 0.5
 _LOOK_SECONDS = 5.0
 """Seconds between two looks at the workers that are connected."""

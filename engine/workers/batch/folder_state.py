@@ -10,8 +10,6 @@ from typing import Any
 from ...core.errors import DiskError, EnvironmentProblem, ModelFileError, SettingsError
 from ...pipeline.stages import STAGES
 
-__all__ = ["FolderState", "folder_states"]
-
 WORKER_PROBLEMS = {error.__name__ for error in (DiskError, EnvironmentProblem, ModelFileError)}
 """Errors that another worker may not have."""
 

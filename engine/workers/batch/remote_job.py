@@ -16,8 +16,6 @@ from .folder_state import FolderState
 from .settings import BatchSettings
 from .stage_task import stored_forecast
 
-__all__ = ["run_remote_job"]
-
 _STAGE_OF = {"frames": "photos", "segment": "objects"}
 """The stage whose forecast says how much memory a command takes."""
 

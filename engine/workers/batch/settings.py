@@ -7,8 +7,6 @@ from pathlib import Path
 
 from ...core.settings import require
 
-__all__ = ["BatchSettings"]
-
 
 @dataclass(frozen=True)
 class BatchSettings:

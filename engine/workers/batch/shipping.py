@@ -14,8 +14,6 @@ from ...core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, path_w
 from ...photos import picture_files
 from ...project.folder import PROJECT_FILE
 
-__all__ = ["Bundle", "Files", "mirror", "pack", "pack_photos", "unpack"]
-
 Files = dict[str, tuple[int, bytes]]
 """Name relative to the folder, with slashes: time of change in nanoseconds, and content."""
 

@@ -26,8 +26,6 @@ from ...project.folder import ProjectFolder
 from ..jobs import EngineRun
 from .shipping import Bundle, pack, unpack
 
-__all__ = ["topic_of", "run_stage", "stop_stages", "stored_forecast"]
-
 _SAY_SECONDS, _RELAY_SECONDS = 5.0, 1.0
 """Seconds between two messages about the progress of a stage, and where somebody watches it."""
 _FORECAST = {"stages": [{"stage": str, "memory": int, "memory_high": int, "cpu_seconds": float, "seconds": float}]}

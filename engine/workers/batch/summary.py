@@ -12,8 +12,6 @@ from ...pipeline.stages import STAGES
 from ..jobs import format_seconds
 from .folder_state import FolderState
 
-__all__ = ["summary_as_dict", "summary_page", "summary_text"]
-
 _COLUMNS = ("folder", "state", "computed", "kept", "restarts", "time", "CPU s")
 
 

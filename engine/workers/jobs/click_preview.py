@@ -25,8 +25,6 @@ from ...core.errors import DiskError
 from ...core.files import check, parse_json
 from .prompt_arguments import Click
 
-__all__ = ["ClickAnswer", "ClickPreview", "click_question", "pack_mask", "read_question"]
-
 _MAX_SIDE = 640
 """Longest side of a mask that is sent, in pixels: a viewport shows little more."""
 _QUESTION = {"photo": str, "object": str, "clicks": [{"photo": str, "x": float, "y": float, "wanted": bool}]}

@@ -29,8 +29,6 @@ from ...core.system import (
 )
 from .job import JobState
 
-__all__ = ["CORES_VARIABLE", "EngineRun"]
-
 CORES_VARIABLE = "GAUSSIAN_HERITAGE_CORES"
 """Environment variable of a worker: numbers of the cores that its engines use, e.g. ``0,1``; by default all."""
 

@@ -20,8 +20,6 @@ from ...core.engine_process import ERRORS_FILE, EVENTS_FILE, STOP_FILE, EnginePr
 from ...core.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ProjectError
 from ...core.files import atomic_write, delete_derived, opened, optional, path_within, read_json, write_json
 
-__all__ = ["Job", "JobState", "format_seconds"]
-
 _LOG = logging.getLogger(__name__)
 _JOB, _TAKEN = "job.json", "taken"
 _RECORD = {"kind": str, "subject": str, "pid": int, "command": [str], "started": optional((int, None))}

@@ -14,15 +14,6 @@ from ...core.errors import PromptError
 from ...core.words import join_texts, split_texts
 from ...scene import PinholeCamera
 
-__all__ = [
-    "Click",
-    "any_word_arguments",
-    "click_arguments",
-    "name_arguments",
-    "refine_arguments",
-    "text_arguments",
-]
-
 
 @dataclass(frozen=True)
 class Click:

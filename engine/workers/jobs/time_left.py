@@ -10,8 +10,6 @@ from ...core.files import read_after_change
 from ...project.folder import PROJECT_FILE, ProjectFolder
 from .job import JobState
 
-__all__ = ["seconds_left_in_all"]
-
 
 def seconds_left_in_all(project: Path, state: JobState) -> float | None:
     """Return the seconds that a running reconstruction of `project` still takes; None when there is no forecast.

@@ -10,8 +10,6 @@ from ...core.errors import DiskError, FormatError, ProjectError
 from ...core.files import path_within, read_json, write_json
 from ...core.system import name_in_order
 
-__all__ = ["WaitingJob", "WaitingJobs"]
-
 _RECORD = {"kind": str, "subject": str, "command": [str]}
 
 

@@ -10,8 +10,6 @@ import torch
 import transformers
 from torch import Tensor, nn
 
-__all__ = ["export", "model"]
-
 _MEAN = torch.tensor([123.675, 116.28, 103.53])
 _DEVIATION = torch.tensor([58.395, 57.12, 57.375])
 

@@ -13,7 +13,8 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, EnvironmentProblem, FormatError, ObjectError
 from engine.core.events import never_stop
-from engine.objects.detail import DetailPhotos, DetailResult, _max_gaussians, _Scores, _steps, detail_object
+from engine.objects.detail import DetailResult, _max_gaussians, _Scores, _steps, detail_object
+from engine.objects.detail_cutter import DetailPhotos
 from engine.objects.settings import BETTER
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene

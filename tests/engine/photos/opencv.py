@@ -9,8 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["read_picture", "write_picture"]
-
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
     """Return what `cv2.imread` returns for a picture that OpenCV can read."""

@@ -9,7 +9,8 @@ from PIL import Image
 
 from engine.core.errors import DiskError, ObjectError, SettingsError
 from engine.masks.mask_metrics import iou
-from engine.pictures.render import DEPTH_STEPS_PER_UNIT, render_view, write_png
+from engine.pictures.png import write_png
+from engine.pictures.render import DEPTH_STEPS_PER_UNIT, render_view
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, BlobScene, as_pinhole
 
 

@@ -14,7 +14,8 @@ from engine.core.events import Event, Warned, never_stop
 from engine.masks import label_map_path
 from engine.masks.settings import MaskSettings
 from engine.masks.storage import write_label_map
-from engine.pipeline.stages import StageRunner, masks_stage
+from engine.pipeline.runner import StageRunner
+from engine.pipeline.stages import masks_stage
 from engine.project.folder import ProjectFolder
 
 NAME = "a.jpg"

@@ -17,8 +17,6 @@ from engine.rasterizer import rasterize
 from engine.scene import Gaussians
 from engine.training import TrainingView, initial_features
 
-__all__ = ["SegmentAgreement", "segment_agreement", "untrained_features"]
-
 _MIN_ALPHA = 0.5
 """Alpha below which a pixel is not selected: too little of it is covered by Gaussians."""
 

@@ -17,8 +17,6 @@ import pytest
 
 from engine.install.models.catalogue import CATALOGUE, ModelFile
 
-__all__ = ["CERTIFICATE", "CONTENT", "Proxy", "Site", "add_model", "onnx_file", "running_proxy", "running_site"]
-
 CERTIFICATE = Path(__file__).with_name("certificate.pem")
 """Made for 127.0.0.1 and models.invalid, with its key. Only tests trust it, through SSL_CERT_FILE."""
 

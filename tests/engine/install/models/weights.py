@@ -6,8 +6,6 @@ from pathlib import Path
 
 from engine.install.models.fetching import fetch
 
-__all__ = ["fetched"]
-
 
 def fetched(*names: str) -> list[Path]:
     """Return the files of the catalogue called `names`, fetching the missing ones."""

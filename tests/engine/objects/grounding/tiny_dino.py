@@ -11,8 +11,6 @@ import torch
 import transformers
 from transformers.models.grounding_dino import modeling_grounding_dino
 
-__all__ = ["MAX_TOKENS", "SIDE", "export", "model", "tokenizer"]
-
 SIDE, MAX_TOKENS = 96, 32
 # The model separates phrases at these ids of bert-base-uncased, so the vocabulary must use the same ids.
 _SPECIAL = {0: "[PAD]", 100: "[UNK]", 101: "[CLS]", 102: "[SEP]", 103: "[MASK]", 1012: ".", 1029: "?"}

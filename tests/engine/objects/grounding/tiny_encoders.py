@@ -14,8 +14,6 @@ import transformers
 from onnxruntime.transformers.float16 import convert_float_to_float16
 from tokenizers import pre_tokenizers, processors
 
-__all__ = ["LENGTHS", "clip", "clip_tokenizer", "export", "siglip", "siglip_tokenizer", "with_four_bits"]
-
 LENGTHS = {"clip": 77, "siglip": 64}
 _MERGES = [
     "v a",
