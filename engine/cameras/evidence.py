@@ -174,7 +174,6 @@ def measure_model(
         At least three placed photos. It is not changed.
     trials : ModelTrials or None
         Its trials, made here when None.
-    should_stop : StopCheck
 
     Raises
     ------
@@ -243,7 +242,6 @@ def fit_of_pairs(model: pycolmap.Reconstruction, database: Path) -> tuple[PairFi
 
     Parameters
     ----------
-    model : pycolmap.Reconstruction
     database : Path
         COLMAP's database with the verified matches.
 
@@ -308,7 +306,6 @@ def panorama_gain(database: Path, lenses: Mapping[int, pycolmap.Camera]) -> floa
 
     Parameters
     ----------
-    database : Path
     lenses : mapping of int to pycolmap.Camera
         Lens by image id.
     """

@@ -55,10 +55,8 @@ def read_export(export: Export, model: Path, should_stop: StopCheck) -> ReadExpo
 
     Parameters
     ----------
-    export : Export
     model : Path
         What the user chose.
-    should_stop : StopCheck
 
     Raises
     ------

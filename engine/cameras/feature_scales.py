@@ -95,7 +95,6 @@ def photos_at_gap(database: Path, count: int) -> list[str]:
     ----------
     database : Path
         COLMAP's database with verified matches.
-    count : int
     """
     chosen = ids_at_gap(*_size_ratios(database), count)
     with opened_database(database) as opened:

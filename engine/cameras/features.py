@@ -53,8 +53,6 @@ class SfmWorkspace:
     ----------
     folder : Path
         The work resumes in this folder, which is emptied first when it belongs to other photos or settings.
-    photo_set : PhotoSet
-    settings : CameraSettings
     lenses : mapping of photo name to Camera, optional
         Known lenses. By default, photos of equal size and EXIF focal length share a lens, which is estimated.
     """
@@ -116,7 +114,6 @@ def match_features(workspace: SfmWorkspace, *, report: _Report, should_stop: Sto
 
     Parameters
     ----------
-    workspace : SfmWorkspace
     report : callable
         Receives the completed fraction of this function's work and a message.
     should_stop : StopCheck

@@ -53,7 +53,6 @@ def read_cameras(
         Work folder for this matching; by default a temporary one.
     emit : Emit
         Receives a `Warned` when the model has several parts, and the progress of this matching.
-    should_stop : StopCheck
 
     Returns
     -------

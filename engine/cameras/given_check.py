@@ -38,10 +38,8 @@ def check_given_cameras(
     ----------
     camera_set : CameraSet
         As read from a model.
-    photo_set : PhotoSet
     emit : Emit
         Receives `Progress`, and a `Warned` for a finding.
-    should_stop : StopCheck
 
     Returns
     -------

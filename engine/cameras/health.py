@@ -71,7 +71,6 @@ def judge(evidence: Evidence, *, poses_given: bool = False, refuted: Sequence[st
 
     Parameters
     ----------
-    evidence : Evidence
     poses_given : bool
         Whether the user gave the cameras.
     refuted : sequence of str
@@ -281,7 +280,6 @@ def refuted_images(pairs: Sequence[PairFit], *, exact: bool = False) -> list[int
 
     Parameters
     ----------
-    pairs : sequence of PairFit
     exact : bool
         Whether the cameras are exact where they are right, as given ones are. Then pairs that agree much less exactly
         than usual disagree too, and a third of the partners may agree: neighbours that were exchanged still agree with

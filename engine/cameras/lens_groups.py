@@ -63,7 +63,6 @@ def map_with_lenses(
         Maps photos with the lenses in the database.
     beside : Executor
         Of one thread, in which a trial goes on.
-    should_stop : StopCheck
 
     Raises
     ------
@@ -141,8 +140,6 @@ class _Search:
         ----------
         models : list of pycolmap.Reconstruction
             With the first lenses; one has at least three photos.
-        own : LensTrial
-        count : int
         map_again : callable
             Maps the same photos with the lenses in the database.
         """

@@ -91,12 +91,10 @@ def tried_lenses(
 
     Parameters
     ----------
-    model : pycolmap.Reconstruction
     change : callable
         Returns the lens to begin with for a lens of `model`.
     principal_point : bool
         Whether principal points are refined too.
-    should_stop : StopCheck
 
     Raises
     ------

@@ -54,12 +54,8 @@ def orientations_by_matches(
 
     Parameters
     ----------
-    given : sequence of GivenCamera
-    choice : OrientationChoice
     model : Path
         For messages.
-    photo_set : PhotoSet
-    settings : CameraSettings
     folder : Path
         Work folder of the matching.
     emit, should_stop

@@ -58,10 +58,8 @@ def match_pairs(
         Of COLMAP, with features. Other files are made in its folder, which are gone at the end.
     pairs : sequence of (str, str)
         Names of photos, sorted.
-    settings : CameraSettings
     report : callable
         Receives the matched share of `pairs`.
-    should_stop : StopCheck
 
     Raises
     ------
@@ -143,10 +141,8 @@ def match_share(database: str, pairs: list[list[str]], seed: int) -> None:
 
     Parameters
     ----------
-    database : str
     pairs : list of [str, str]
         Names of photos.
-    seed : int
 
     Raises
     ------

@@ -51,7 +51,6 @@ def mirrored_photos(database: Path, names: Sequence[str], *, should_stop: StopCh
         COLMAP's database with features.
     names : sequence of str
         All copies, in the order of the photos.
-    should_stop : StopCheck
 
     Returns
     -------

@@ -90,7 +90,6 @@ def read_model(folder: Path, should_stop: StopCheck) -> tuple[list[ModelImage], 
     ----------
     folder : Path
         With ``cameras``, ``images`` and ``points3D``, all ``.bin`` or all ``.txt``.
-    should_stop : StopCheck
 
     Raises
     ------
@@ -150,7 +149,6 @@ def in_child(
         The files that it reads, which bound its memory and time.
     what : str
         A description for messages that begins with a capital letter.
-    should_stop : StopCheck
     memory_per_byte : int
         Memory for each byte of the files.
 

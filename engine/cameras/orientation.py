@@ -107,13 +107,10 @@ def choose_orientations(
 
     Parameters
     ----------
-    given : sequence of GivenCamera
-    points : SparsePoints
     folder : Path
         The photo folder.
     model : Path
         For messages.
-    should_stop : StopCheck
 
     Raises
     ------

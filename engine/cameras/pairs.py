@@ -98,7 +98,6 @@ def promising_pairs(
         See `similar_pairs`.
     report : callable
         Receives the completed fraction, 0 to 1.
-    should_stop : StopCheck
 
     Notes
     -----

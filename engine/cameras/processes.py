@@ -29,7 +29,6 @@ def detecting_cores(cores: int, pixels: float, *, free: int | None) -> int:
 
     Parameters
     ----------
-    cores : int
     pixels : float
         Of the largest working copy.
     free : int or None

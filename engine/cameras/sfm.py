@@ -57,7 +57,6 @@ def estimate_cameras(
         At least three photos.
     folder : Path
         Work folder for this function only, created when missing. It may be deleted after success.
-    settings : CameraSettings, optional
     emit : Emit
         Receives `Progress`, `Metric` values, and a `Warned` when the photos form several unconnected models.
     should_stop : StopCheck

@@ -38,7 +38,6 @@ def triangulate(
         Only photos with a camera are matched.
     folder : Path
         Work folder.
-    settings : CameraSettings
     emit, should_stop
         As in `estimate_cameras`.
 

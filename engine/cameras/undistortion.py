@@ -44,7 +44,6 @@ def training_pinhole(camera: Camera, *, max_side: int) -> PinholeCamera:
 
     Parameters
     ----------
-    camera : Camera
     max_side : int
         Maximum length of the longest side in pixels. The frame never has more pixels per angle than the photo's centre.
 
@@ -75,7 +74,6 @@ def covering_pinhole(camera: Camera, *, max_side: int | None = None) -> PinholeC
 
     Parameters
     ----------
-    camera : Camera
     max_side : int, optional
         Maximum length of the longest side in pixels; by default the resolution of the photo's centre.
 
@@ -171,7 +169,6 @@ def project(camera: Camera, points: NDArray[np.floating[Any]]) -> tuple[Float64,
 
     Parameters
     ----------
-    camera : Camera
     points : array of shape [N, 3]
         World positions.
 

@@ -52,8 +52,6 @@ def untrusted_certificate(
 
     Parameters
     ----------
-    host : str
-    port : int
     error : SSLCertVerificationError, optional
         What OpenSSL or the system said.
     proxies : mapping, optional

@@ -50,7 +50,6 @@ def engine_command(*arguments: object, python: Path | None = None, module: str =
         Arguments of the module, as text.
     python : Path, optional
         Another Python than that of this process.
-    module : str
     """
     return [str(python or sys.executable), "-m", module, *map(str, arguments)]
 
@@ -125,7 +124,6 @@ class EngineProcess:
 
         Parameters
         ----------
-        command : sequence of str
         environment : mapping
             Environment variables.
         read : callable

@@ -79,7 +79,6 @@ def open_https(
 
     Parameters
     ----------
-    url : str
     headers : mapping
         Sent with the request, and after a redirect to another host too; never put secrets into them.
     secrets : mapping, optional

@@ -75,7 +75,6 @@ def write_glb(
 
     Parameters
     ----------
-    path : Path
     gaussians : Gaussians
         In the engine's world (Z up). Features are not written.
     name : str

@@ -46,7 +46,6 @@ def read_other(path: Path, kind: str, decode: DecodePicture, *, up: Up | None = 
 
     Parameters
     ----------
-    path : Path
     kind : str
         Of `kind_of`.
     decode : callable

@@ -41,7 +41,6 @@ def read_ksplat(path: Path, *, up: Up | None = None) -> Gaussians:
 
     Parameters
     ----------
-    path : Path
     up : {"z", "-y", "y"}, optional
         Axis of the file that points up, which it does not say; by default -Y, as in the files of most programs.
 

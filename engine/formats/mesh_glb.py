@@ -39,7 +39,6 @@ def write_mesh_glb(
 
     Parameters
     ----------
-    path : Path
     mesh : Mesh
         In glTF's axes, Y up.
     texture : bytes

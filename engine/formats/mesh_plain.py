@@ -28,10 +28,8 @@ def write_mesh_ply(path: Path, mesh: Mesh, *, comments: Sequence[str] = ()) -> N
 
     Parameters
     ----------
-    path : Path
     mesh : Mesh
         In the frame of the file.
-    comments : sequence of str
 
     Raises
     ------
@@ -87,12 +85,8 @@ def write_mesh_obj(path: Path, mesh: Mesh, texture: bytes, *, name: str, comment
 
     Parameters
     ----------
-    path : Path
-    mesh : Mesh
     texture : bytes
         As PNG.
-    name : str
-    comments : sequence of str
 
     Raises
     ------

@@ -39,12 +39,10 @@ def write_mesh_usdz(
 
     Parameters
     ----------
-    path : Path
     mesh : Mesh
         Z up.
     texture : bytes
         As PNG.
-    name : str
     metres_per_unit : float, optional
         None: unknown, which the layer says; it states 1 then, as for Gaussians.
     custom_data : mapping, optional

@@ -116,7 +116,6 @@ def write_ply(
 
     Parameters
     ----------
-    path : Path
     gaussians : Gaussians
         Features are not part of the format and are not written.
     comments : sequence of str

@@ -50,7 +50,6 @@ def write_sog(
 
     Parameters
     ----------
-    path : Path
     gaussians : Gaussians
         In the engine's world (Z up), at least one. Features are not written.
     encode : callable

@@ -28,7 +28,6 @@ def read_splat(path: Path, *, up: Up | None = None) -> Gaussians:
 
     Parameters
     ----------
-    path : Path
     up : {"z", "-y", "y"}, optional
         Axis of the file that points up, which it does not say; by default -Y, as in the files of most programs.
 

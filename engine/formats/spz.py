@@ -62,7 +62,6 @@ def write_spz(path: Path, gaussians: Gaussians, *, matrix: NDArray[np.float64] |
 
     Parameters
     ----------
-    path : Path
     gaussians : Gaussians
         In the engine's world (Z up). Features are not written.
     matrix : array of shape [4, 4], float64, optional
@@ -154,7 +153,6 @@ def read_spz(path: Path, *, up: Up | None = None) -> Gaussians:
 
     Parameters
     ----------
-    path : Path
     up : {"z", "-y", "y"}, optional
         Axis of the file that points up; by default Y, as the description of the format says. Some programs write -Y.
 

@@ -343,14 +343,12 @@ def write_scene(path: Path, gaussians: Gaussians, name: str, facts: FileFacts, t
 
     Parameters
     ----------
-    path : Path
     gaussians : Gaussians
         In the engine's world (Z up), before the transform of `facts`.
     name : str
         Of a format with a writer.
     facts : FileFacts
         What the format has no place for is left out.
-    tools : WritingTools
 
     Raises
     ------
@@ -371,7 +369,6 @@ def write_mesh(path: Path, mesh: Mesh, name: str, facts: FileFacts, texture: byt
 
     Parameters
     ----------
-    path : Path
     mesh : Mesh
         In the engine's world (Z up), before the transform of `facts`.
     name : str

@@ -49,7 +49,6 @@ def write_usd(
 
     Parameters
     ----------
-    path : Path
     gaussians : Gaussians
         In the engine's world (Z up). Features are not written.
     name : str

@@ -87,7 +87,6 @@ def segment_everything(
     ----------
     embedding : Embedding
         The embedding of the photo, from `SegmentAnything.encode`.
-    sam : SegmentAnything
     settings : MaskSettings or None
         None takes the defaults.
     should_stop : StopCheck

@@ -59,12 +59,10 @@ class MasksBeside(ChildrenBeside):
     ----------
     photos_file : Path
         The project's ``photos.json``.
-    photo_folder : Path
     names : sequence of str
         Photos to segment.
     folder : Path
         The project's ``masks`` folder.
-    settings : MaskSettings
     n_processes : int
         Largest number of children. What a photo gets does not depend on it.
     """

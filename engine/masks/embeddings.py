@@ -47,7 +47,6 @@ class EmbeddingFolder:
         photo : str
             Name of the photo.
         pixels : array of shape [H, W, 3], uint8, sRGB
-        sam : SegmentAnything
 
         Raises
         ------

@@ -57,8 +57,6 @@ def make_foreground_masks(
 
     Parameters
     ----------
-    photo_set : PhotoSet
-    folder : Path
     load : callable
         Returns the SAM.
     emit : Emit

@@ -32,8 +32,6 @@ def generate_grid_masks(
 
     Parameters
     ----------
-    embedding : Embedding
-    sam : SegmentAnything
     settings : MaskSettings
         ``grid`` clicks along each side; `max_overlap` applies to the bounding boxes of the masks.
     size : (int, int)

@@ -40,7 +40,6 @@ class MaskDecoder:
 
     Parameters
     ----------
-    path : Path
     threads : int
         Worker threads of ONNX Runtime.
 

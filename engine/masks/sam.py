@@ -145,7 +145,6 @@ class SegmentAnything:
 
         Parameters
         ----------
-        embedding : Embedding
         points : array-like of shape [n, 2] or None
             x, y in photo pixels.
         labels : array-like of shape [n] or None

@@ -44,12 +44,10 @@ def make_masks(
 
     Parameters
     ----------
-    photo_set : PhotoSet
     names : sequence of str
         Photo names.
     folder : Path
         The project's ``masks`` folder.
-    settings : MaskSettings
     load : callable
         Returns the SAM; called if a label map is missing or out of date.
     emit : Emit

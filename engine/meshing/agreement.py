@@ -65,8 +65,6 @@ def agreeing_depths(
     ----------
     maps : sequence of DepthMap
         With the mean of the depths in each pixel.
-    photos : DetailPhotos
-    should_stop : callable
 
     Returns
     -------

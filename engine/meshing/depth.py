@@ -98,8 +98,6 @@ def depth_maps(
         The whole scene, with the object as it is shown: what hides it hides it here.
     members : array of shape [N], bool
         The object's Gaussians.
-    cameras : sequence of Camera
-    should_stop : callable
 
     Raises
     ------

@@ -85,7 +85,6 @@ def fuse(maps: Sequence[DepthMap], *, should_stop: StopCheck, max_voxels: int = 
     ----------
     maps : sequence of DepthMap
         At least one.
-    should_stop : callable
     max_voxels : int
         Largest grid.
 
@@ -193,7 +192,6 @@ def with_unseen_filled(field: Field, surface: Float64) -> Field:
 
     Parameters
     ----------
-    field : Field
     surface : array of shape [P, 3], float64
         Points of the seen surface, world units.
 

@@ -75,9 +75,6 @@ def mesh_object(
         The object's Gaussians.
     cameras : sequence of Camera
         Of the photos; test photos among them are not used.
-    photos : DetailPhotos
-    settings : MeshSettings
-    should_stop : callable
     tell : callable
         Called with the fraction that is done, 0 to 1.
 

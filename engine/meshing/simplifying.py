@@ -28,7 +28,6 @@ def simplified(
     faces : array of shape [F, 3], int32
     seen : array of shape [F], bool
         Whether photos saw each triangle. Each new one takes it from the nearest old one.
-    triangles : int
     closed : bool
         Whether the surface is closed and has to stay so. Quadrics alone may let parts touch.
     """

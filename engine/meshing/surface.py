@@ -25,10 +25,6 @@ _MIN_ABSOLUTE = 1e-4
 def extract_surface(field: Field) -> tuple[Float64, Int32, Mask]:
     """Return vertices, triangles, and which vertices lie where photos measured.
 
-    Parameters
-    ----------
-    field : Field
-
     Returns
     -------
     vertices : array of shape [V, 3], float64

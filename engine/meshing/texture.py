@@ -73,16 +73,12 @@ def colors_of(
 
     Parameters
     ----------
-    points : SurfacePoints
     vertices, faces : array
         The surface, which hides parts of itself.
-    maps : sequence of DepthMap
-    photos : DetailPhotos
     texel : float
         Size of a pixel of the texture on the surface, world units.
     tolerance : float
         Distance behind the surface within which a point is visible, world units.
-    should_stop : callable
     tell : callable
         Called with the fraction that is done, 0 to 1.
 

@@ -119,8 +119,6 @@ def remember_candidates(
 
     Parameters
     ----------
-    project : Path
-    text, message : str
     candidates : sequence of MaskEvidence
         With their Gaussians and those that are undecided, the best first.
     photos : Photos or None

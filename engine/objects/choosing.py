@@ -37,10 +37,8 @@ def answers_of(looks: Looks, scores: Float64, settings: SegmentSettings) -> list
 
     Parameters
     ----------
-    looks : Looks
     scores : array of shape [K], float64
         Of the proposals for the word.
-    settings : SegmentSettings
     """
     members = looks.members
     # The best first, without versions of better ones.
@@ -68,7 +66,6 @@ def whole_versions(looks: Looks, numbers: Sequence[int]) -> list[int]:
 
     Parameters
     ----------
-    looks : Looks
     numbers : sequence of int
         Proposals that show different objects.
 
@@ -106,7 +103,6 @@ def offers_of(looks: Looks, scores: Float64 | None, stored: Sequence[Mask] = ())
 
     Parameters
     ----------
-    looks : Looks
     scores : array of shape [K], float64, or None
         Of the proposals for the word; None where nothing is known of it: the likeliest objects come first then.
     stored : sequence of bool arrays of shape [N]

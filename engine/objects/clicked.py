@@ -47,8 +47,6 @@ def click_masks(
 
     Parameters
     ----------
-    context : SegmentationContext
-    photo : str
     clicks, excluded : sequence of Point
         Those on other photos change nothing here.
     members : array of shape [N], bool, or None

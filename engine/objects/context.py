@@ -133,7 +133,6 @@ class SegmentationContext:
         ----------
         fraction : float
             0 to 1.
-        message : str
         seconds_left : float or None
             None where it is not known.
 
@@ -166,15 +165,11 @@ def load_context(
 
     Parameters
     ----------
-    project : ProjectFolder
-    settings : SegmentSettings
-    detector_factory, sam_factory : callable
     device : Device
         Renders the views, counts the votes and makes the steps of detail. What is stored does not depend on it, but for
         rounding, and in detail for which Gaussians were drawn to be split.
     own_words : OwnWords or None
         See `SegmentationContext`.
-    emit, should_stop : callable
 
     Raises
     ------

@@ -127,12 +127,9 @@ def detail_object(
 
     Parameters
     ----------
-    views : Views
-    photos : DetailPhotos
     members : array of shape [N], bool
     settings : SegmentSettings
         Of them, `detail_steps`.
-    should_stop : callable
     tell : callable
         Called with the fraction that is done, 0 to 1, and the seconds that are left where they are known.
 

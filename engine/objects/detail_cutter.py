@@ -130,12 +130,9 @@ class DetailCutter:
 
     Parameters
     ----------
-    views : Views
-    photos : DetailPhotos
     members : array of shape [N], bool
     cameras : sequence of Camera
         Of training photos and of test photos.
-    should_stop : callable
 
     Attributes
     ----------
@@ -320,7 +317,6 @@ def read_part(photos: DetailPhotos, camera: Camera, part: PinholeCamera, small: 
 
     Parameters
     ----------
-    photos : DetailPhotos
     camera : Camera
         Of the photo.
     part : PinholeCamera

@@ -88,8 +88,6 @@ def evidence_of_exclusions(
     ----------
     clicks : sequence of Point
         Clicks on the object: background points for SAM in the same photo.
-    excluded : sequence of Point
-    context : SegmentationContext
 
     Raises
     ------
@@ -116,7 +114,6 @@ def evidence_of_places(places: Sequence[Place], view: View, context: Segmentatio
         x, y in pixels of the picture of `view`.
     view : View
         That of a photo, or of any other camera (`Views.from_anywhere`).
-    context : SegmentationContext
 
     Raises
     ------
@@ -148,8 +145,6 @@ def connected_members(members: Mask, item: MaskEvidence, views: Views) -> Mask:
     Parameters
     ----------
     members : array of shape [N], bool
-    item : MaskEvidence
-    views : Views
 
     Returns
     -------
@@ -233,7 +228,6 @@ def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
 
     Parameters
     ----------
-    view : View
     x, y : float
         Pixels of the photo at full size.
 

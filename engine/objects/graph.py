@@ -319,12 +319,10 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
 
     Parameters
     ----------
-    views : Views
     label_maps : mapping of str to array of shape [h, w], int32
         Segments by photo, at any resolution; 0 is no segment.
     n_views : int
         Number of photos, those that differ most, whose segments take part.
-    should_stop : callable
 
     Raises
     ------

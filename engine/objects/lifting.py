@@ -121,7 +121,6 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
 
     Parameters
     ----------
-    context : SegmentationContext
     evidence : sequence of MaskEvidence
         At least one mask is not excluded.
 
@@ -156,7 +155,6 @@ def isolate_kept(context: SegmentationContext, item: MaskEvidence, key: str) -> 
 
     Parameters
     ----------
-    context : SegmentationContext
     item : MaskEvidence
         With its members and which Gaussians are undecided.
     key : str
@@ -248,8 +246,6 @@ def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], be
 
     Parameters
     ----------
-    context : SegmentationContext
-    evidence : sequence of MaskEvidence
     before : array of shape [N], float32
 
     Returns

@@ -111,11 +111,6 @@ class Looks:
         `n_text_views` photos. A proposal then scores 0 in a photo without a box that fits it, and more than 0.5 in
         others: the detector's own thresholds decide.
 
-        Parameters
-        ----------
-        text : str
-        context : SegmentationContext
-
         Returns
         -------
         array of shape [K], float64
@@ -156,7 +151,6 @@ class Looks:
             Mean of the examples of the word, by `Detector.example_vectors`.
         others : array of shape [W, E], float32
             Means of those of each other word; W may be 0.
-        detector : Detector
         text : str
             The word, if the detector knows it as well: what it tells is then added. Empty if it does not.
         """
@@ -273,7 +267,6 @@ def describe_members(members: Mask, context: SegmentationContext) -> Float32:
     ----------
     members : array of shape [N], bool
         Its Gaussians.
-    context : SegmentationContext
 
     Returns
     -------

@@ -25,7 +25,6 @@ class Photos:
 
     Parameters
     ----------
-    folder : Path
     settings : SegmentSettings
         Of them, `photo_side`, the longer side in pixels, and `n_vote_views`, the photos that the cache has place for: 3
         MB of pixels each, and 4 MB of SAM's embeddings.
@@ -82,7 +81,6 @@ class Photos:
 
         Parameters
         ----------
-        camera : Camera
         points : sequence of (float, float)
             Clicks on the object; x, y in pixels of the whole photo.
         outside : sequence of (float, float)

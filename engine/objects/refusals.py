@@ -31,11 +31,8 @@ def remember_refusal(
 
     Parameters
     ----------
-    project : Path
-    text, message : str
     candidates : sequence of MaskEvidence
         With their Gaussians, the best first.
-    context : SegmentationContext
     suggestions : sequence of str
         Words that fit better; by default, what an unknown text may have been meant for.
 

@@ -84,7 +84,6 @@ def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click:
 
     Parameters
     ----------
-    context : SegmentationContext
     camera : Camera or PinholeCamera
         That of a photo, or any other one.
     click : (float, float)

@@ -111,8 +111,6 @@ class Segmenter:
 
         Parameters
         ----------
-        prompt : Prompt
-        name : str
         again : sequence of (str or None)
             As of `segment_each_text`.
         context : SegmentationContext or None
@@ -152,7 +150,6 @@ class Segmenter:
 
         Parameters
         ----------
-        texts : sequence of str
         name : str or None
             Of the objects; None names them after their text.
         camera : Camera, PinholeCamera or None

@@ -119,7 +119,6 @@ def choose(
 
     Parameters
     ----------
-    spatial : SpatialText
     found : sequence of Extent
         What the noun names, at least one.
     others : sequence of Extent

@@ -121,7 +121,6 @@ def standing(members: Mask, surfaces: Surfaces, means: Float32) -> Mask:
     Parameters
     ----------
     members : array of shape [N], bool
-    surfaces : Surfaces
     means : array of shape [N, 3], float32
         Positions of the Gaussians.
 

@@ -48,8 +48,6 @@ def learn(project: ProjectFolder, own: OwnWords, context: SegmentationContext) -
 
     Parameters
     ----------
-    project : ProjectFolder
-    own : OwnWords
     context : SegmentationContext
         Its detector describes the objects. One that describes no crops learns nothing.
 
@@ -91,8 +89,6 @@ def teach_kept(
 
     Parameters
     ----------
-    project : ProjectFolder
-    own : OwnWords
     record : ObjectRecord
         Of the stored object.
     example : array of shape [E], float32

@@ -148,7 +148,6 @@ class Views:
 
         Parameters
         ----------
-        view : View
         members : array of shape [N], bool
 
         Returns

@@ -60,8 +60,6 @@ def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
 
     Parameters
     ----------
-    views : Views
-    item : MaskEvidence
     pixels : array of shape [N], float32
         Pixels with which each Gaussian votes where the members are known.
     """

@@ -35,7 +35,6 @@ class MemoryBudget:
 
         Parameters
         ----------
-        n_bytes : int
         what : str
             Subject of the message, e.g. "a.png has 19900 x 19900 pixels".
 

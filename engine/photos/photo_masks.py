@@ -32,9 +32,6 @@ def with_masks(
 
     Parameters
     ----------
-    folder : Path
-    photos : sequence of Photo
-    masks : Path
     emit : Emit
         Receives one warning that lists the photos without a mask; all their pixels are valid.
     should_stop : StopCheck

@@ -222,7 +222,6 @@ def upright_with_alpha(
 
     Parameters
     ----------
-    image : Image
     max_side : int, optional
         See `bounded.load_pixels`.
 

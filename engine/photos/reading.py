@@ -149,7 +149,6 @@ def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
 
     Parameters
     ----------
-    folder : Path
     without : Path, optional
         A folder inside `folder` that is skipped.
 
@@ -279,12 +278,7 @@ def _decode(folder: Path, path: Path, settings: PhotoSettings, should_stop: Stop
 
 
 def measure_photo(path: str) -> dict[str, Any]:
-    """Decode a photo here and return its size, focal length, hashes, sharpness, `Look` and projection, as JSON values.
-
-    Parameters
-    ----------
-    path : str
-    """
+    """Decode a photo and return its size, focal length, hashes, sharpness, `Look` and projection as JSON values."""
     image, focal = open_photo(Path(path))
     width, height = image.size if orientation_of(image) < 5 else image.size[::-1]
     step = max(1, round(max(width, height) / _MEASURING_SIDE))

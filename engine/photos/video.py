@@ -58,7 +58,6 @@ def extract_frames(
         Any file that OpenCV's FFmpeg reads. Its rotation is applied.
     folder : Path
         What an earlier call with this `prefix` wrote there is replaced; other files stay.
-    settings : VideoSettings
     emit, should_stop
         See `engine.core.events`.
     prefix : str

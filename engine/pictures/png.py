@@ -18,7 +18,6 @@ def write_png(
 
     Parameters
     ----------
-    path : Path
     picture : array of shape [H, W] or [H, W, 3], uint8, or [H, W], uint16 or bool (white where it is True)
     description : str
         Text stored under the key ``Description`` in the file.

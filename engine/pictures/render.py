@@ -44,7 +44,6 @@ def render_view(
 
     Parameters
     ----------
-    gaussians : Gaussians
     camera : Camera or PinholeCamera
         With a photo's camera the picture has the photo's size and lens distortion.
     what : {"rgb", "mask", "depth", "features", "instances"}

@@ -100,7 +100,6 @@ class Scene:
 
         Parameters
         ----------
-        camera : PinholeCamera
         color : bool
             Render the colour into the first three channels.
         channels : array of shape [N, C], optional
@@ -165,7 +164,6 @@ class Scene:
 
         Parameters
         ----------
-        camera : PinholeCamera
         weights : array of shape [H, W, C], float
             C sets of pixels, e.g. a mask and its complement.
 

@@ -44,7 +44,6 @@ class FirstPicture(ChildrenBeside):
 
     Parameters
     ----------
-    project : Path
     photo_set : PhotoSet
         As the project stores it.
     lens : str
@@ -115,7 +114,6 @@ def make_first_picture(
     ----------
     photos_file : str
         The project's ``photos.json``.
-    photo_folder : str
     names : list of str
         Photos to use.
     folder : str

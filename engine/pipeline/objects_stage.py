@@ -34,9 +34,6 @@ def objects_stage(
 
     Parameters
     ----------
-    runner : StageRunner
-    prompts : sequence of str
-    settings : SegmentSettings
     sam_model : str
         Name of the Segment Anything model, see `MaskSettings.model`.
     find_device : callable

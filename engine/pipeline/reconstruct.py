@@ -93,7 +93,6 @@ def reconstruct(
         Folder with the photos, or a video.
     out : Path
         Project folder, new or of an earlier run that is continued.
-    settings : PipelineSettings
     emit, should_stop
         See `engine.core.events`.
     until : str

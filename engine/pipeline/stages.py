@@ -47,9 +47,6 @@ def photos_stage(
 
     Parameters
     ----------
-    runner : StageRunner
-    folder : Path
-    settings : PhotoSettings
     photo_masks : Path or None
         Folder of masks that say which pixels count, see `photos.photo_masks`.
     background_sam : str or None
@@ -141,9 +138,6 @@ def cameras_stage(
 
     Parameters
     ----------
-    runner : StageRunner
-    photo_set : PhotoSet
-    settings : CameraSettings
     camera_model : Path or None
         Cameras of another program to read instead of estimating, see `engine.cameras.read_cameras`.
     beside : sequence of MasksBeside or FirstPicture
@@ -218,10 +212,6 @@ def masks_stage(
 
     Parameters
     ----------
-    runner : StageRunner
-    photo_set : PhotoSet
-    plan : ScenePlan
-    settings : MaskSettings
     beside : MasksBeside or None
         What the cameras stage may have started. It is ended, and the stage makes the label maps that are missing.
     """
@@ -312,10 +302,6 @@ def training_stage(
 
     Parameters
     ----------
-    runner : StageRunner
-    given : TrainingInput
-    plan : ScenePlan
-    settings : TrainingSettings
     preset : str
         Name of the preset that `settings` come from, for the report.
     find_device : callable

@@ -203,7 +203,6 @@ class ProjectFolder:
 
         Parameters
         ----------
-        stage, key : str
         wall_seconds, cpu_seconds : float
             Time that the finishing run spent on the stage.
         figures : dict

@@ -47,7 +47,6 @@ def rasterize(
         Standard deviations along the axes of the Gaussian (linear, not logarithms), world units.
     opacities : tensor of shape [N]
         Opacities in [0, 1], after the sigmoid.
-    camera : PinholeCamera
     sh : tensor of shape [N, n_sh, 3], optional
         Coefficients of spherical harmonics; colour = max(0, 0.5 + SH(direction)).
     sh_degree : int, optional
@@ -63,7 +62,6 @@ def rasterize(
         ``cpu`` is fast and takes float32. ``gpu`` takes float32 on the CPU and computes on the graphics card, see
         `engine.rasterizer.gpu`. ``reference`` is slow, written in plain torch, and computes in the dtype of its inputs;
         with float64 it is the ground truth of the tests.
-    settings : RasterSettings, optional
 
     Returns
     -------

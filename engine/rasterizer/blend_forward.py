@@ -180,7 +180,6 @@ def cover(u: Vec, v: Vec, opacity: float, t_now: Vec) -> tuple[Vec, Vec, Vec, Ve
     ----------
     u, v : Vec
         Whitened offsets from the Gaussian.
-    opacity : float32
     t_now : Vec
         Transmittance in front of the Gaussian; negative in finished lanes.
 

@@ -25,8 +25,6 @@ class CachedView:
     ----------
     means, quats, scales, opacities : float32 arrays of shape [N, 3], [N, 4], [N, 3], [N]
         As in `engine.rasterizer.rasterize`. They must not change afterwards.
-    camera : PinholeCamera
-    settings : RasterSettings, optional
 
     Raises
     ------

@@ -139,7 +139,6 @@ def project_view(
 
     Parameters
     ----------
-    view : View
     means, quats, scales, opacities, sh, channels : float32 arrays
         As in `engine.rasterizer.rasterize`. Without `sh`, its shape is [N, 0, 3]; without `channels`, [N, 0].
 

@@ -146,8 +146,6 @@ def project_covariances(
     scales : tensor of shape [N, 3]
     rotation : tensor of shape [3, 3]
         Rotation of world-to-camera.
-    camera : PinholeCamera
-    settings : RasterSettings
     """
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height

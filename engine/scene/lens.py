@@ -63,7 +63,6 @@ def photo_pixels(camera: Camera, directions: Float64) -> Float64:
 
     Parameters
     ----------
-    camera : Camera
     directions : array of shape [N, 2]
 
     Returns

@@ -259,7 +259,6 @@ def export_frame(camera_set: CameraSet, measurement: Measurement, name: str | No
 
     Parameters
     ----------
-    camera_set : CameraSet
     measurement : Measurement
         Of the same project.
     name : {"upright", "original"}, optional

@@ -118,7 +118,6 @@ def photo_ray(camera: Camera, x: float, y: float) -> tuple[Float64, Float64]:
 
     Parameters
     ----------
-    camera : Camera
     x, y : float
         Pixels of the photo, after EXIF rotation and with lens distortion.
 

@@ -55,7 +55,6 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
 
     Parameters
     ----------
-    settings : ServeSettings
     hosts : list of str
         Names by which clients may address the server. Others are refused: a page of another site could make its own
         name lead here.

@@ -25,12 +25,7 @@ Peer = tuple[str, int]
 
 
 class Connections:
-    """The open connections of a server, by address and port of the client; used by the event loop alone.
-
-    Parameters
-    ----------
-    settings : ServeSettings
-    """
+    """The open connections of a server, by address and port of the client; used by the event loop alone."""
 
     def __init__(self, settings: ServeSettings) -> None:
         self._settings = settings

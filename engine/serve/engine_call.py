@@ -19,7 +19,6 @@ def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    arguments : sequence of str
     what : str
         What is done, for the messages: "export".
 

@@ -23,12 +23,7 @@ _PICTURES = 2
 
 
 class HeavyWork:
-    """Exports and reports, one at a time, forecasts, and small copies of photos. Used by the event loop alone.
-
-    Parameters
-    ----------
-    settings : ServeSettings
-    """
+    """Exports and reports, one at a time, forecasts, and small copies of photos. Used by the event loop alone."""
 
     def __init__(self, settings: ServeSettings) -> None:
         self._settings = settings
@@ -59,7 +54,6 @@ class HeavyWork:
 
         Parameters
         ----------
-        project : WebProject
         is_busy : bool
             Whether a job works on the project, which then may not be changed: the report stays that from before.
 

@@ -63,14 +63,12 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, sha256: str,
 
     Parameters
     ----------
-    project : WebProject
     upload : Path
         On the same disk as the project. Stays where it is when this fails, so that it can be tried again.
     filename : str
         As the client named it.
     sha256 : str
         Of `upload`.
-    settings : ServeSettings
 
     Raises
     ------

@@ -234,7 +234,6 @@ class Library:
 
     Parameters
     ----------
-    settings : ServeSettings
     user : str
         A name that `Accounts` knows.
     """

@@ -33,7 +33,6 @@ def best_place(project: str, object_id: str, threshold: float, photos: list[str]
     ----------
     project : str
         The engine's project folder.
-    object_id : str
     threshold : float
         Smallest membership of a Gaussian of the object.
     photos : list of str

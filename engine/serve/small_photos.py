@@ -75,7 +75,6 @@ def write_jpeg(pixels: NDArray[np.uint8], out: Path) -> None:
     ----------
     pixels : uint8 array of shape [height, width, 3]
         Red, green, blue.
-    out : Path
 
     Raises
     ------

@@ -23,13 +23,7 @@ _DISPLACED = "event: displaced\ndata: {}\n\n"
 
 
 class Streams:
-    """The open streams of a server; used by the event loop alone.
-
-    Parameters
-    ----------
-    settings : ServeSettings
-    feeds : Feeds
-    """
+    """The open streams of a server; used by the event loop alone."""
 
     def __init__(self, settings: ServeSettings, feeds: Feeds) -> None:
         self._settings = settings
@@ -42,9 +36,6 @@ class Streams:
 
         Parameters
         ----------
-        project : WebProject
-        user : str
-        last_event_id : str
         browser : str
             The browser's name for itself; empty: its streams are not counted.
 

@@ -115,12 +115,7 @@ class Upload:
 
 
 class Uploads:
-    """All uploads of a server.
-
-    Parameters
-    ----------
-    settings : ServeSettings
-    """
+    """All uploads of a server."""
 
     def __init__(self, settings: ServeSettings) -> None:
         self._settings = settings
@@ -151,7 +146,6 @@ class Uploads:
 
         Parameters
         ----------
-        user : str
         folder : Path
             Where the unfinished uploads of the user are.
         project, filename, size, sha256

@@ -54,7 +54,6 @@ def background_gaussians(points: Floats, views: Sequence[TrainingView], settings
         Sparse points, world units.
     views : sequence of TrainingView
         Held-out ones are not used.
-    settings : TrainingSettings
 
     Returns
     -------

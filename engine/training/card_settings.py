@@ -64,7 +64,6 @@ def sizes_on_card(preset: str, room: int, wanted: Mapping[str, int] = _NOTHING, 
 
     Parameters
     ----------
-    preset : str
     room : int
         Number of Gaussians that the card holds beside the photos.
     wanted : mapping of str to int
@@ -90,7 +89,6 @@ def settings_with_sizes(preset: str, sizes: Mapping[str, int], n_training: int) 
 
     Parameters
     ----------
-    preset : str
     sizes : mapping of str to int
         From `sizes_on_card`; empty on the processor.
     n_training : int

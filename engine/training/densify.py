@@ -106,8 +106,6 @@ def grow(parameters: Parameters | Population, weights: torch.Tensor, n_new: int,
         Changed in place.
     weights : tensor of shape [N]
         Opacities, or the result of `mixed_weights`. Those of the background count as 0.
-    n_new : int
-    generator : torch.Generator
     """
     weights = weights.clone()
     weights[: parameters.n_background] = 0.0
@@ -136,9 +134,6 @@ def grow_by_error(
         Changed in place.
     errors : tensor of shape [N]
         See `gaussian_errors`.
-    n_new : int
-    start_points : StartPoints
-    generator : torch.Generator
     """
     values = parameters.values
     weights = mixed_weights(errors, values["opacity_logits"].detach().sigmoid())
@@ -166,8 +161,6 @@ def split(
         Changed in place: one half takes the place of the Gaussian, the other is appended.
     weights : tensor of shape [N]
         Those of the background count as 0.
-    n_new : int
-    generator : torch.Generator
     allowed : callable, optional
         Returns which of the given rows may be split; all by default.
 
@@ -209,7 +202,6 @@ def drop(opacities: torch.Tensor, fraction: float, *, n_background: int, generat
         From 0, for none, to below 1.
     n_background : int
         The first so many Gaussians stay as they are.
-    generator : torch.Generator
 
     Notes
     -----
@@ -308,7 +300,6 @@ def position_noise(
         Extent of the scene, world units. It makes the walk independent of the unit.
     strength : float
         Factor of the noise, 5e5 in the paper.
-    generator : torch.Generator
 
     Notes
     -----

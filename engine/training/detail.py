@@ -103,9 +103,7 @@ def train_detail(
         The rest of the scene, which is drawn with them and stays as it is.
     crops : sequence of DetailCrop
         At least one.
-    plan : DetailPlan
     backend : {"cpu", "gpu", "reference"}
-    should_stop : callable
     tell : callable
         Called now and then with the fraction that is done, 0 to 1, and the seconds that are left.
 

@@ -169,7 +169,6 @@ class Levels:
     ----------
     crops : sequence of DetailCrop
         At least one.
-    plan : DetailPlan
 
     Notes
     -----

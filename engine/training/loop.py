@@ -80,7 +80,6 @@ def train(
     views : sequence of TrainingView
         Held-out ones, the test photos, are only measured: the error curve and the preview read them, and nothing that
         the Gaussians depend on does.
-    settings : TrainingSettings
     checkpoints : Path
         Folder for the checkpoint, from which an interrupted run with the same inputs resumes, and for the preview.
     emit : Emit

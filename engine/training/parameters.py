@@ -164,7 +164,6 @@ def render(
     ----------
     values : dict of str to tensor
         As in `Parameters.values`.
-    camera : PinholeCamera
     backend : {"cpu", "gpu", "reference"}
         Which rasterizer is used.
     sh_degree : int or None

@@ -70,9 +70,6 @@ def measure_quality(
 
     Parameters
     ----------
-    gaussians : Gaussians
-    photo_folder : Path
-    camera_set : CameraSet
     names : sequence of str
         Photos to measure on; of more than 8 photos, 8 evenly spaced ones.
     trained : sequence of str
@@ -81,7 +78,6 @@ def measure_quality(
         Longest side of the pictures, pixels.
     photo_masks : mapping of str to Path, optional
         Files of the masks of valid pixels by photo name.
-    should_stop : StopCheck
 
     Raises
     ------

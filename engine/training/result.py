@@ -50,9 +50,6 @@ def make_result(
 
     Parameters
     ----------
-    state : RunState
-    settings : TrainingSettings
-    schedule : Schedule
     quality : MeasuredQuality
         Of the finished Gaussians.
     photos : sequence of str

@@ -44,7 +44,6 @@ class Schedule:
 
     Parameters
     ----------
-    settings : TrainingSettings
     n_views : int
         Number of training photos.
     extent : float

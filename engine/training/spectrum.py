@@ -25,7 +25,6 @@ def coarse_shares(views: Sequence[TrainingView], n: int) -> tuple[float, ...]:
     ----------
     views : sequence of TrainingView
         Eight evenly spaced ones are used.
-    n : int
 
     Returns
     -------

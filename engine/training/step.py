@@ -47,8 +47,6 @@ def step_loss(
         The photo at the size of this step.
     view : int
         Number of the photo among the training photos.
-    schedule : Schedule
-    settings : TrainingSettings
     extent : float
         Extent of the scene, world units.
     """
@@ -103,8 +101,6 @@ def samples_of_step(
         Whose neighbours are those of the present Gaussians where L_reg needs them.
     level : Level
         The photo at the size of the step.
-    schedule : Schedule
-    settings : TrainingSettings
     extent : float
         Extent of the scene, world units.
     step, n_gaussians : int

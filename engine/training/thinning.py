@@ -31,10 +31,7 @@ def changes_by_removal(
     ----------
     values : mapping of str to tensor
         As in `Parameters.values`.
-    cameras : sequence of PinholeCamera
     backend : {"cpu", "gpu", "reference"}
-    sh_degree : int
-    generator : torch.Generator
 
     Notes
     -----

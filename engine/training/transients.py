@@ -47,7 +47,6 @@ def find_transients(
         The training photos, at one small size.
     backend : {"cpu", "reference"}
         Which rasterizer is used.
-    sh_degree : int
 
     Notes
     -----

@@ -83,7 +83,6 @@ def load_views(
         Cameras of the registered photos.
     masks : mapping of str to Path
         Files of the label maps by photo name. Photos without one are trained on without labels.
-    settings : TrainingSettings
     photo_masks : mapping of str to Path, optional
         Files of the masks of valid pixels by photo name, see `photos.photo_masks`.
     should_stop : StopCheck

@@ -25,8 +25,6 @@ def draw_text(
 
     Parameters
     ----------
-    layout : UILayout
-    text : str
     icon : str
         Before the first line.
     line_length : int, optional

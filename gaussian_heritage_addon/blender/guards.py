@@ -351,8 +351,6 @@ def add_draw_handler(
 
     Parameters
     ----------
-    space : type
-    draw : callable
     when : str
         ``"POST_PIXEL"``, in pixels of the region, or ``"POST_VIEW"``, before what Blender draws over the scene.
     failed : callable, optional

@@ -34,7 +34,6 @@ def mark_as_right(mesh: bpy.types.Mesh, made_as: int | None = None) -> None:
 
     Parameters
     ----------
-    mesh : Mesh
     made_as : int, optional
         Number of the object, above 0, where the vertices are new. Joined vertices keep theirs.
     """

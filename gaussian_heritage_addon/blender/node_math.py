@@ -17,7 +17,6 @@ def new_node(
 
     Parameters
     ----------
-    tree : NodeTree
     kind : str
         ``bl_idname`` of the node.
     settings : dict, optional

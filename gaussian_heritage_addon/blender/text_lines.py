@@ -14,7 +14,6 @@ def lines_of(text: str, width: float, measure: Callable[[str], float]) -> list[s
 
     Parameters
     ----------
-    text : str
     width : float
         Width of a line, as `measure` returns it.
     measure : callable

@@ -51,7 +51,6 @@ class ClickMasks:
 
     Parameters
     ----------
-    viewport : Viewport
     object_id : str
         Object that is corrected; empty for a new one.
     changed : callable

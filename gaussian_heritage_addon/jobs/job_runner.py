@@ -121,7 +121,6 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
         done with the results.
     subject : Path
         Project folder, `MODEL_FILES` or `ENGINE`.
-    command : sequence of str
 
     Returns
     -------

@@ -26,8 +26,6 @@ def draw_presets(
 
     Parameters
     ----------
-    layout : UILayout
-    operator : Operator
     photos : Path or None
         Folder of photos that the times are for.
     line_length : int, optional

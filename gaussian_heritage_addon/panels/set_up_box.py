@@ -37,7 +37,6 @@ def draw_set_up(layout: bpy.types.UILayout, *, in_preferences: bool = False) -> 
 
     Parameters
     ----------
-    layout : UILayout
     in_preferences : bool
         Whether the field *Offline Bundle* stands below.
     """

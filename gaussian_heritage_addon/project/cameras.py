@@ -60,7 +60,6 @@ def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, s
 
     Parameters
     ----------
-    scene : Scene
     photo : str
         Name of the photo; empty for that of the scene camera, or else the first photo.
     longest_side : int

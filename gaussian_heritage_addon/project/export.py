@@ -70,7 +70,6 @@ def choose_objects(scene: bpy.types.Scene, *, with_hidden: bool, with_background
 
     Parameters
     ----------
-    scene : Scene
     with_hidden : bool
         Include objects whose eye is closed, in the list or in the outliner.
     with_background : bool
@@ -157,12 +156,10 @@ def export_splats(
 
     Parameters
     ----------
-    objects : sequence of Object
     folder : Path
         Created when missing.
     file_format : str
         Name of one of `FORMATS`.
-    options : ExportOptions, optional
     overwrite : bool
         Replace existing files. If False, nothing is written when one of the files exists.
 

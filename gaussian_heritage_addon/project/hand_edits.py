@@ -59,7 +59,6 @@ def add_rows(obj: bpy.types.Object, rows: NDArray[np.integer], whole: bpy.types.
 
     Parameters
     ----------
-    obj : Object
     rows : array of shape [K]
         Rows in the project's scene.
     whole : Object

@@ -65,12 +65,10 @@ def mesh_exports(
 
     Parameters
     ----------
-    objects : sequence of Object
     folder : Path
         Of the files.
     kind : Format
         One of `MESH_FORMATS`.
-    options : ExportOptions
     triangles : int
         Largest number of triangles, one of `engine.meshing.settings.LEVELS`.
     watertight : bool

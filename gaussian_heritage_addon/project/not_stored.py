@@ -30,7 +30,6 @@ def changes_of(obj: bpy.types.Object, stored: StoredObject | None) -> list[str]:
 
     Parameters
     ----------
-    obj : Object
     stored : StoredObject or None
         None where the project does not have it.
 

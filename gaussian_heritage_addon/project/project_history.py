@@ -56,7 +56,6 @@ def remember_objects(project: Path, before: dict[str, str | None], after: Iterab
 
     Parameters
     ----------
-    project : Path
     before : dict of str to str or None
         State that this file showed of each object, by id; None where it had none.
     after : iterable of str

@@ -61,9 +61,6 @@ def add_other_file(
 
     Parameters
     ----------
-    scene : Scene
-    file : Path
-    name : str
     up : {"z", "-y", "y"}, optional
         Axis of the file that points up. None: what a PLY states, Y for SPZ, otherwise -Y, as in the files of most
         programs. GLB defines it.
@@ -116,8 +113,6 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
 
     Parameters
     ----------
-    scene : Scene
-    project : Path
     with_cameras : bool
         Add the cameras of the photos. The first becomes the scene camera if there is none.
 

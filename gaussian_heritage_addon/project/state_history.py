@@ -67,8 +67,6 @@ class StateHistory:
 
         Parameters
         ----------
-        place : hashable
-        wanted : hashable
         stored : hashable
             What the project has at this moment.
         store : callable

@@ -188,7 +188,6 @@ def photo_of_point(scene: bpy.types.Scene, cameras: Sequence[Camera], point: Flo
 
     Parameters
     ----------
-    scene : Scene
     cameras : sequence of Camera
         Of the project.
     point, direction : arrays of shape [3]

@@ -96,7 +96,6 @@ def fetch_arguments(name: str, folder: str, *, online: bool) -> list[str]:
 
     Parameters
     ----------
-    name : str
     folder : str
         Folder with model files, used instead of the network; empty to download.
     online : bool

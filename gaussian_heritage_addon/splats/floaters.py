@@ -22,7 +22,6 @@ def find_floaters(gaussians: Gaussians, *, min_neighbours: int = 3, min_opacity:
 
     Parameters
     ----------
-    gaussians : Gaussians
     min_neighbours : int
         A Gaussian with fewer others near it is isolated, unless its ellipsoid comes near that of one which is not. Near
         means within a cell or beside it, with cells so large that the median Gaussian has about 20 near it.

@@ -44,7 +44,6 @@ def in_region(view: View, gaussians: Gaussians, corners: Float64, *, through: bo
 
     Parameters
     ----------
-    view : View
     gaussians : Gaussians
         Those that are shown, in the world of the view.
     corners : array of shape [C, 2]

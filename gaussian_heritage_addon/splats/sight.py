@@ -52,7 +52,6 @@ class Sight:
             `reach`; other shapes may be farther away.
         place : (float, float)
             Pixels from the lower left corner.
-        reach : float
         """
         rows, size = self.window_from_world, np.array([self.width, self.height])
         corners = shapes @ rows[[0, 1, 3], :3].T + rows[[0, 1, 3], 3]

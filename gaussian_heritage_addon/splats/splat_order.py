@@ -66,7 +66,6 @@ def draw_order(
         Largest distance from the centre at which a Gaussian is visible.
     weights : array of shape [N]
         Opacity times the square root of `mean_areas`.
-    view : View
     share : float
         Share of the Gaussians in the view that is drawn, those with the greatest importance: ``weight / depth``, which
         is opacity times the square root of the mean projected area. With the area itself, details are lost first; see

@@ -123,12 +123,6 @@ def add_solids(tree: bpy.types.NodeTree, cutoff: Cutoff, mesh: Any) -> Any:
 def add_cards(tree: bpy.types.NodeTree, cutoff: Cutoff, projection: Projection) -> Any:
     """Return instances of a square, transformed to contain the ellipse of each Gaussian seen by the active camera.
 
-    Parameters
-    ----------
-    tree : NodeTree
-    cutoff : Cutoff
-    projection : Projection
-
     Notes
     -----
     Let A = R S be the axes of the ellipsoid in camera coordinates and (X, Y, Z) its centre. The ellipse at depth Z has

@@ -335,12 +335,8 @@ def draw_to(
 
     Parameters
     ----------
-    offscreen : GPUOffScreen
-    tables : Tables
-    objects : list of Object
     view_matrix, window_matrix : Matrix
         Those of a viewport, or of a camera.
-    detail : Detail
     scene_depth : GPUTexture, optional
         Depth, 0 to 1, beyond which nothing is drawn.
     flags : dict, optional

@@ -65,7 +65,6 @@ class SplatScene:
             Name of the object. Blender adds a number if the name is in use.
         gaussians : Gaussians
             Gaussians in the frame of the object.
-        collection : Collection
         index : array of shape [N], int, optional
             Row of each Gaussian in the project's scene; 0 to N-1 by default.
         membership : array of shape [N], float32, optional

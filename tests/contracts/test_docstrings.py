@@ -1,4 +1,4 @@
-"""What a docstring promises is what the signature takes."""
+"""What a docstring describes is what the signature takes. A parameter whose name and type say all has no entry."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_described_parameters_are_the_ones_taken(module: Path) -> None:
     for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             names = described(ast.get_docstring(node) or "")
-            if names is not None and names != taken(node):
+            if names is not None and names != [name for name in taken(node) if name in names]:
                 wrong.append(f"{node.name} describes {names} and takes {taken(node)}")
     assert wrong == []
 

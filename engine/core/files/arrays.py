@@ -64,8 +64,6 @@ def read_array(path: Path, spec: ArraySpec, *, advice: str, mapped: bool = False
 
     Parameters
     ----------
-    path : Path
-    spec : ArraySpec
     advice : str
         One or more sentences: what the user should do about a damaged file.
     mapped : bool
@@ -107,10 +105,8 @@ def read_arrays(
 
     Parameters
     ----------
-    path : Path
     specs : mapping of str to ArraySpec
         Arrays that the file must have.
-    advice : str
     optional : mapping of str to ArraySpec
         Arrays that it may have. A key ending in ``*`` stands for every name that begins like it.
     only : frozenset of str, optional

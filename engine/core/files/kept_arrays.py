@@ -27,7 +27,6 @@ def keep_arrays(path: Path, recipe: str, arrays: Mapping[str, NDArray[Any]]) -> 
 
     Parameters
     ----------
-    path : Path
     recipe : str
         Hash of everything that the arrays were computed from, see `engine.project.folder.stage_key`.
     arrays : mapping of str to array
@@ -45,7 +44,6 @@ def read_kept_arrays(path: Path, recipe: str, specs: Mapping[str, ArraySpec]) ->
 
     Parameters
     ----------
-    path : Path
     recipe : str
         See `keep_arrays`.
     specs : mapping of str to ArraySpec

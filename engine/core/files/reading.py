@@ -112,11 +112,8 @@ def parse_json(text: str, schema: Schema, *, source: str, advice: str) -> Any:
 
     Parameters
     ----------
-    text : str
-    schema : Schema
     source : str
         Where the text comes from, for the message.
-    advice : str
 
     Raises
     ------

@@ -79,7 +79,6 @@ def opened_package(path: Path, *, root: str | None = None) -> Iterator[StoredPac
 
     Parameters
     ----------
-    path : Path
     root : str, optional
         The name of a file. A zip file then need not hold one folder: names are those beside this file, wherever it is.
 
@@ -176,7 +175,6 @@ def write_zip(stream: IO[bytes], folder: Path, *, name: str, packed: Sequence[st
     stream : binary stream
     folder : Path
         Without links.
-    name : str
     packed : sequence of str
         Further suffixes of files that are stored as they are.
     """

@@ -42,10 +42,6 @@ def no_window() -> dict[str, Any]:
 def start_time(pid: int) -> int | None:
     """Return when a running process started, in a unit of the system, where this is what `process_runs` compares.
 
-    Parameters
-    ----------
-    pid : int
-
     Returns
     -------
     int or None
@@ -62,8 +58,6 @@ def process_runs(pid: int, command: Sequence[str], folder: Path, started: int | 
 
     Parameters
     ----------
-    pid : int
-    command : sequence of str
     folder : Path
         Working directory of the process, compared where the system tells it (Linux).
     started : int or None

@@ -20,7 +20,6 @@ def change_time_ns(path: Path, status: os.stat_result) -> int:
 
     Parameters
     ----------
-    path : Path
     status : os.stat_result
         Of `path`. Its ``st_ctime_ns`` is the time of creation on Windows, which a change of the content leaves.
 

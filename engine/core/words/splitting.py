@@ -63,10 +63,6 @@ def split_texts(prompt: str) -> list[str]:
     separator ("salt and pepper shaker"), where it joins adjectives ("a blue and white vase") or what is said of one
     object ("a vase, with two handles"), in numbers and abbreviations, and in quotation marks, which are removed.
 
-    Parameters
-    ----------
-    prompt : str
-
     Returns
     -------
     list of str

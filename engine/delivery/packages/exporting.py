@@ -148,9 +148,6 @@ def write_export(
 
     Parameters
     ----------
-    path : Path
-    export : Export
-    file_format : str
     frame : ExportFrame or {"upright", "original", "world"}, optional
         Frame of the coordinates, see `engine.scene.export_frame`; ``world``: the normalised world, Z up in PLY.
         That of an `ExportFrame`, which another program chose, is not moved.
@@ -202,10 +199,8 @@ def mesh_of(
 
     Parameters
     ----------
-    project : ProjectFolder
     export : Export
         Of an object.
-    settings : MeshSettings
     backend : {"cpu", "gpu", "reference"}
     should_stop, tell : callable
         See `engine.meshing.mesh_object`.
@@ -246,10 +241,6 @@ def write_mesh_export(
 
     Parameters
     ----------
-    path : Path
-    export : Export
-    made : MeshResult
-    file_format : str
     frame, with_record, in_scene
         As of `write_export`.
 

@@ -94,15 +94,12 @@ def write_package(
     ----------
     out : Path
         Folder in which the package is written, as a folder or a zip file called after the object.
-    project : ProjectFolder
-    name : str or None
     address : str
         Where the content of the package's ``data`` is, or will be, published, for IIIF and LIDO: ``https://.../``.
     title : str, optional
         Title of the scene; by default its photos' folder names it.
     overwrite : bool
         Whether a package of the same name is replaced. Nothing else is.
-    as_zip : bool
     with_photos : bool
         Whether the photos that were used are in the package.
     with_mesh : bool

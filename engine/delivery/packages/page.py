@@ -97,12 +97,10 @@ def write_page(
 
     Parameters
     ----------
-    path : Path
     gaussians : Gaussians
         In the world of the cameras, at least one.
     described : dict
         The record, as `describe_scene` or `describe_object` return it.
-    framing : Framing
     parts : sequence of Part
         The objects of a scene.
 

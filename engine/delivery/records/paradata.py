@@ -64,7 +64,6 @@ def describe_scene(project: ProjectFolder, *, title: str | None = None) -> dict[
 
     Parameters
     ----------
-    project : ProjectFolder
     title : str, optional
         Title of the scene instead of `scene_title`.
 

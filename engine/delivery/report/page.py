@@ -69,7 +69,6 @@ def page(facts: dict[str, Any], pictures: Pictures) -> str:
     ----------
     facts : dict
         As returned by `collect_facts`.
-    pictures : Pictures
 
     Returns
     -------

@@ -37,7 +37,6 @@ def render_alone(
     ----------
     gaussians : Gaussians
         Those of the object.
-    camera : PinholeCamera
     background : sequence of 3 floats
         sRGB in [0, 1].
     backend : {"cpu", "gpu", "reference"}

@@ -67,8 +67,6 @@ def photo_pair(
     ----------
     folder : Path
         The photo folder.
-    camera : Camera
-    gaussians : Gaussians
     coverage : Coverage
         Of the training photos.
     backend : {"cpu", "gpu", "reference"}
@@ -96,10 +94,8 @@ def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: 
 
     Parameters
     ----------
-    scene : Scene
     members : sequence of bool arrays of shape [N]
         The objects.
-    cameras : sequence of Camera
 
     Returns
     -------
@@ -152,7 +148,6 @@ def orbit_cameras(
         Cameras of the photos that see the object. If those whose picture contains its centre surround it, so do the
         returned ones; else these span the angles between the 10th and 90th percentile of those cameras, at least 40
         degrees, since no photo shows the back of a shield on a wall. Their elevation is the median of the photos'.
-    count : int
     side : int
         Width and height of the pictures, pixels.
 
@@ -218,7 +213,6 @@ def measure_feature_agreement(
 
     Parameters
     ----------
-    gaussians : Gaussians
     views : sequence of (Camera, int32 array of shape [h, w])
         Test photos with their label maps.
     backend : {"cpu", "gpu", "reference"}

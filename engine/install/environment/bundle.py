@@ -146,7 +146,6 @@ def write_bundle(
         Folder with the model files, as `models.models_folder`.
     build : {"cpu", "cuda"}
         Build of torch.
-    emit : Emit
     system : System, optional
         What the bundle is for; by default, this computer.
     version : str, optional

@@ -80,7 +80,6 @@ def install(
 
     Parameters
     ----------
-    environment : EngineEnvironment
     pythons : sequence of Path
         Interpreters to try first, in this order. Others of this computer follow.
     build : {"auto", "cpu", "cuda"}
@@ -89,7 +88,6 @@ def install(
         Offline bundle to install from, without a network.
     emit : Emit
         Receives `Progress` of the stage ``set-up``, and `Finished`.
-    should_stop : StopCheck
 
     Raises
     ------

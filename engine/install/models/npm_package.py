@@ -35,8 +35,6 @@ def fetch_npm_package(package: str, folder: Path, *, max_bytes: int, should_stop
 
     Parameters
     ----------
-    package : str
-    folder : Path
     max_bytes : int
         A larger file is refused.
     should_stop : StopCheck

@@ -78,7 +78,6 @@ def copy_from_folder(model: ModelFile, folder: Path, offline: Path) -> bool:
 
     Parameters
     ----------
-    model : ModelFile
     folder : Path
         Destination; the file appears there only after verification.
     offline : Path

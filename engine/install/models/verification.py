@@ -111,7 +111,6 @@ def refused(model: ModelFile, origin: object, reason: str, advice: str = "") -> 
 
     Parameters
     ----------
-    model : ModelFile
     origin : object
         A URL, a package or a path.
     reason : str
@@ -128,7 +127,6 @@ def check_received(model: ModelFile, path: Path, size: int, sha256: str, *, cont
 
     Parameters
     ----------
-    model : ModelFile
     path : Path
         Where the file will be stored. If a file is stored there already, its record applies to the new copy.
     size : int

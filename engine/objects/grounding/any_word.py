@@ -39,8 +39,6 @@ class AnyWord(CropDescriber):
 
     Parameters
     ----------
-    encoder : ImageTextEncoder
-    classifier : OfflineVocabulary
     derived : Path or None
         Folder of the vectors of the vocabulary, which are kept between runs; None keeps none.
     """

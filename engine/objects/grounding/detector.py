@@ -89,7 +89,6 @@ class Detector(Protocol):
         Parameters
         ----------
         pixels : array of shape [H, W, 3], uint8, sRGB
-        prompt : str
         labels : array of shape [h, w], int32, or None
             Label map of the same photo at any size (`masks.read_label_map`). Detections are then selected from its
             segments and contain their ids.
@@ -116,7 +115,6 @@ class Detector(Protocol):
         pixels : array of shape [H, W, 3], uint8, sRGB
         boxes : array-like of shape [n, 4]
             x0, y0, x1, y1 in pixels.
-        prompt : str
         masks : sequence of n bool arrays of shape [H, W], or None
             Mask of the object in each box.
 

@@ -62,7 +62,6 @@ class GroundingDino(Detector):
         Open.
     tokenizer : Path
         The ``tokenizer.json`` of the export.
-    settings : GroundingSettings, optional
 
     Raises
     ------
@@ -214,7 +213,6 @@ def decode_outputs(
         Logits of each query and token; -inf for positions without a token.
     boxes : array of shape [n, 4], float32
         Centre x, y, width, height as fractions of the photo.
-    tokens : Tokens
     height, width : int
         Size of the photo.
     text_threshold : float

@@ -135,7 +135,6 @@ class ImageTextEncoder:
     ----------
     name : str
         For messages.
-    kind : EncoderKind
     pictures, texts : Session
         Open sessions.
     tokenizer : Path

@@ -27,12 +27,10 @@ def kept_vectors(
     ----------
     folder : Path or None
         None keeps nothing.
-    texts : sequence of str
     encode : callable
         Returns the vectors of texts, [n, width].
     fingerprint : str
         Names what `encode` computes.
-    width : int
 
     Returns
     -------

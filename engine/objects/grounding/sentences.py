@@ -54,10 +54,6 @@ class SentenceEncoder:
     def encode(self, texts: Sequence[str]) -> Float32:
         """Return one unit vector per text.
 
-        Parameters
-        ----------
-        texts : sequence of str
-
         Returns
         -------
         array of shape [len(texts), 384], float32

@@ -16,7 +16,6 @@ def open_tokenizer(path: Path, model: str) -> Tokenizer:
 
     Parameters
     ----------
-    path : Path
     model : str
         What the catalogue calls the model or the file, for the message.
 

@@ -29,7 +29,6 @@ class Vocabulary:
 
     Parameters
     ----------
-    encoder : SentenceEncoder
     derived : Path or None
         Folder in which the vectors of all class words are cached between runs; computing them takes 8 CPU seconds. None
         disables the cache.

@@ -54,7 +54,6 @@ def find_windows(classifier: EfficientNetLite2, pixels: Pixels, class_weights: d
 
     Parameters
     ----------
-    classifier : EfficientNetLite2
     pixels : array of shape [H, W, 3], uint8, sRGB
     class_weights : dict of int to float
         Class index to weight.

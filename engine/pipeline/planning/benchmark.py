@@ -35,7 +35,6 @@ def calibrate(machine: Machine, *, emit: Emit) -> Calibration:
 
     Parameters
     ----------
-    machine : Machine
     emit : Emit
         Receives progress events when the machine is measured.
     """

@@ -242,7 +242,6 @@ def load_calibration(
 
     Parameters
     ----------
-    machine : Machine
     rasterizer : str
         Version of the installed rasterizer.
     measure : callable

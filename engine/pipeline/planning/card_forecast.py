@@ -37,13 +37,10 @@ def card_bytes(n_gaussians: int, *, sh_degree: int, features: bool, width: int, 
 
     Parameters
     ----------
-    n_gaussians : int
-    sh_degree : int
     features : bool
         Whether segmentation features are trained.
     width, height : int
         Size of the pictures.
-    n_photos : int
 
     Notes
     -----
@@ -85,7 +82,6 @@ def gaussians_that_fit(
     own_memory, free : int or None
         Bytes of the card's own memory, and of the computer's free memory where the card uses that. If neither is known,
         only the largest buffer bounds the number.
-    max_buffer_bytes : int
     sh_degree, features, width, height, n_photos
         See `card_bytes`.
     """

@@ -226,7 +226,6 @@ def plan_work(
         The usable photos.
     statistics : sequence of PhotoStatistics
         Of the same photos.
-    settings : PlanSettings
     cameras : CameraSettings
         States up to how many photos every pair is matched.
     poses_given, points_given : bool

@@ -47,8 +47,6 @@ def choose_sizes(
 
     Parameters
     ----------
-    settings : PlanSettings
-    photo_set : PhotoSet
     device : Device
         One that is planned already stays as it is.
     kept : mapping or None

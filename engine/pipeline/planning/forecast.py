@@ -294,10 +294,6 @@ def memory_of(
 
     Parameters
     ----------
-    stage : str
-    work : WorkPlan
-    settings : TrainingSettings
-    cores : int
     libraries : int
         Bytes that the libraries take beyond the 500 MB of the reference machine.
     free : int or None
@@ -361,11 +357,8 @@ def forecast_work(
 
     Parameters
     ----------
-    work : WorkPlan
     settings : TrainingSettings
         The result of `decisions.training_settings` for the plan.
-    machine : Machine
-    calibration : Calibration
     n_prompts : int
         Number of objects to be isolated.
     """

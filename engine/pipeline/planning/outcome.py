@@ -21,10 +21,8 @@ def update_calibration(
 
     Parameters
     ----------
-    project : ProjectFolder
     computed : sequence of str
         Stages that this run computed. Stages that an earlier run had begun are skipped.
-    work : WorkPlan
     forecast : Forecast
         Made before the work.
     calibration : Calibration

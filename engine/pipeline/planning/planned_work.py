@@ -88,18 +88,14 @@ def plan_and_forecast(
 
     Parameters
     ----------
-    photo_set : PhotoSet
     statistics : sequence of PhotoStatistics
         Of the same photos.
-    settings : PlanSettings
-    cameras : CameraSettings
     model : Path or None
         Camera model that the user gave.
     n_prompts : int
         Number of objects to be isolated at the end.
     device, kept
         See `choose_sizes`.
-    emit : Emit
 
     Raises
     ------

@@ -65,7 +65,6 @@ def with_work_beside(
     ----------
     stages : tuple of StageForecast
         Each as if it had all cores.
-    cores : int
     n_masks : int
         Processes that make masks.
     picture_seconds : float

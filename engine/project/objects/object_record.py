@@ -143,8 +143,6 @@ def write_record(file: Path, record: ObjectRecord, files: dict[str, FileRecord])
 
     Parameters
     ----------
-    file : Path
-    record : ObjectRecord
     files : dict of str to FileRecord
         Size and SHA-256 of the object's files that are computed, by name.
 

@@ -54,8 +54,6 @@ def save_object(
 
     Parameters
     ----------
-    project : Path
-    record : ObjectRecord
     membership : array of shape [N], float32
         0 to 1.
     levels : sequence of arrays of shape [N], float32
@@ -89,8 +87,6 @@ def load_membership(project: Path, object_id: str, count: int | None = None) -> 
 
     Parameters
     ----------
-    project : Path
-    object_id : str
     count : int, optional
         Gaussians of the scene that it is for: that of another scene is refused with `FormatError`.
     """

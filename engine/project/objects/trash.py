@@ -184,7 +184,6 @@ def bring_back(project: ProjectFolder, object_id: str, state: str, *, why: str) 
     ----------
     project : ProjectFolder
         Open for writing.
-    object_id : str
     state : str
         As of `state_of`.
     why : str

@@ -106,7 +106,6 @@ def compare(scene: Path, out: Path, settings: BenchSettings, *, emit: Emit, shou
         Folder with photos, or a project folder, whose cameras and masks are used and which is only read.
     out : Path
         Folder for the cameras and masks (``scene/``) and a project for each preset. Finished rows are kept.
-    settings : BenchSettings
     emit, should_stop
         See `engine.core.events`.
 
@@ -129,8 +128,6 @@ class _ComparedScene:
 
     Parameters
     ----------
-    scene, out : Path
-    settings : BenchSettings
     emit, should_stop
         See `engine.core.events`.
     """

@@ -87,8 +87,6 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
 
     Parameters
     ----------
-    out : Path
-    rows : sequence of Row
     title : str
         Title of the scene.
     command : str

@@ -43,11 +43,8 @@ def words_of_true_masks(
         Objects whose words are looked up.
     cameras : mapping of str to Camera
         Photos that may be looked at. Only those with true masks are.
-    photos : Photos
-    detector : Detector
     n_photos : int
         Largest number of photos that an object is cut out of.
-    should_stop : callable
 
     Returns
     -------

@@ -65,7 +65,6 @@ def score_photo(
 
     Parameters
     ----------
-    scene : Scene
     camera : Camera
         Of the photo.
     photo : Path
@@ -120,7 +119,6 @@ def compare_with_all(
 
     Parameters
     ----------
-    scene : Scene
     cameras : mapping of str to Camera
         By photo.
     members : sequence of K bool arrays of shape [N]
@@ -130,7 +128,6 @@ def compare_with_all(
         Photos to compare in.
     with_boundary : bool array of shape [K, M], optional
         Pairs whose boundary IoU is wanted; none by default.
-    should_stop : callable
 
     Raises
     ------

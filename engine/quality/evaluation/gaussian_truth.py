@@ -26,11 +26,8 @@ def gaussian_truth(scene: Scene, cameras: CameraSet, truth: GroundTruth, should_
 
     Parameters
     ----------
-    scene : Scene
-    cameras : CameraSet
     truth : GroundTruth
         With `every_pixel`.
-    should_stop : callable
 
     Returns
     -------

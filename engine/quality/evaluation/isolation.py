@@ -75,8 +75,6 @@ def evaluate_project(
     ----------
     project : ProjectFolder
         Trained; only read.
-    truth_folder : Path
-    settings : EvaluationSettings
     layout : str
         See `read_ground_truth`.
     detector_factory, sam_factory : callable

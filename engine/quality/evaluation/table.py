@@ -88,7 +88,6 @@ def data_of(evaluation: Evaluation, title: str) -> Literal["in sample", "test"]:
 
     Parameters
     ----------
-    evaluation : Evaluation
     title : str
         Name of the scene in the table, which may differ from the name of its folder.
     """
@@ -113,8 +112,6 @@ def write_evaluation(path: Path, evaluation: Evaluation, *, title: str, command:
 
     Parameters
     ----------
-    path : Path
-    evaluation : Evaluation
     title : str
         Name of the scene.
     command : str

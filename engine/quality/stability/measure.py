@@ -78,8 +78,6 @@ def measure_scene(
 
     Parameters
     ----------
-    scene : Scene
-    bounds : Bounds
     tested : slice, optional
         The Gaussians under test: either all of them must be rendered, or all must be culled.
     culled_as : {"near", "degenerate", "transparent", "outside"}, optional

@@ -51,12 +51,7 @@ class Uniform:
 
 
 class Constants:
-    """The uniforms of one workspace.
-
-    Parameters
-    ----------
-    gpu : Gpu
-    """
+    """The uniforms of one workspace."""
 
     def __init__(self, gpu: Gpu) -> None:
         self._gpu = gpu

@@ -47,8 +47,6 @@ class Frame(Workspace):
 
     Parameters
     ----------
-    gpu : Gpu
-    size : FrameSize
     n_moving : int, optional
         Number of channels, from the first on, whose gradient reaches the geometry; all by default.
     with_pose : bool

@@ -98,11 +98,9 @@ class GpuScene:
 
     Parameters
     ----------
-    gpu : Gpu
     means, quats, scales, opacities : float32 arrays of shape [N, 3], [N, 4], [N, 3], [N]
         As in `engine.rasterizer.rasterize`. They and `sh` must not change afterwards.
     sh : float32 array of shape [N, n_sh, 3]
-    settings : RasterSettings, optional
 
     Raises
     ------
@@ -144,7 +142,6 @@ class GpuScene:
 
         Parameters
         ----------
-        camera : PinholeCamera
         channels : float32 array of shape [N, C], optional
             Any number of channels.
         color : bool
@@ -191,7 +188,6 @@ class GpuScene:
 
         Parameters
         ----------
-        camera : PinholeCamera
         weights : float32 array of shape [H, W, C]
             Any number of sets of pixels, such as masks.
 

@@ -179,12 +179,7 @@ def kernel_source(sources: Sources, name: str, n_channels: int, n_moving: int, *
 
 
 class Kernels:
-    """Compiled kernels of one card. Each is compiled when it is first asked for.
-
-    Parameters
-    ----------
-    gpu : Gpu
-    """
+    """Compiled kernels of one card. Each is compiled when it is first asked for."""
 
     def __init__(self, gpu: Gpu) -> None:
         self._gpu = gpu

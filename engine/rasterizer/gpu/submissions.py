@@ -105,12 +105,7 @@ class Batch:
 
 
 class Timings:
-    """Times of dispatches that were measured, by stage. Lists that do the same for other pictures begin with them.
-
-    Parameters
-    ----------
-    gpu : Gpu
-    """
+    """Times of dispatches that were measured, by stage. Lists that do the same for other pictures begin with them."""
 
     def __init__(self, gpu: Gpu) -> None:
         self._gpu = gpu
@@ -153,8 +148,6 @@ class Submissions:
 
     Parameters
     ----------
-    gpu : Gpu
-    dispatches : sequence of Dispatch
     sizes : wgpu.GPUBuffer
         Workgroups of the indirect ones.
     constants : Constants, optional
@@ -286,7 +279,6 @@ def run_together(
 
     Parameters
     ----------
-    gpu : Gpu
     runs : iterable of Submissions
         What the processor writes to buffers in between is there from the first dispatch on.
     copies : iterable of (wgpu.GPUBuffer, wgpu.GPUBuffer)

@@ -37,7 +37,6 @@ class Workspace:
 
     Parameters
     ----------
-    gpu : Gpu
     what : str
         Name of the computation, for messages.
     n_channels, n_moving : int

@@ -41,7 +41,6 @@ class GpuParameters:
 
     Parameters
     ----------
-    gpu : Gpu
     values : mapping of str to float32 array of shape [N, ...]
         By the names of `GROUPS`: means [N, 3], quats [N, 4], log_scales [N, 3], opacity_logits [N], sh_dc [N, 1, 3],
         and if they are trained sh_rest [N, 3 | 8 | 15, 3] and features [N, C].

@@ -42,14 +42,10 @@ def plan_of_step(
 
     Parameters
     ----------
-    inputs : Inputs
-    schedule : Schedule
     state : RunState
         Whose neighbours are those of the present Gaussians where L_reg needs them.
-    step : int
     level : Level
         The photo at the size of this step.
-    n_gaussians : int
 
     Returns
     -------

@@ -38,7 +38,6 @@ class Rearrangement(TrainingWorkspace):
 
     Parameters
     ----------
-    gpu : Gpu
     parameters : GpuParameters
         With room for the new number of Gaussians.
     pool : dict of str to wgpu.GPUBuffer

@@ -30,8 +30,6 @@ class NearestSearch(TrainingWorkspace):
 
     Parameters
     ----------
-    gpu : Gpu
-    parameters : GpuParameters
     pool : dict of str to wgpu.GPUBuffer
     k : int
         Fewer than Gaussians.

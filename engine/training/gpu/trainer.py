@@ -70,10 +70,8 @@ class GpuTrainer:
 
     Parameters
     ----------
-    gpu : Gpu
     parameters : GpuParameters
         Changed by `steps`.
-    settings : StepSettings, optional
     exposures : GpuExposures, optional
         Changed by `steps`. By default, photos have no brightness factors.
     capacity : int, optional
@@ -128,7 +126,6 @@ class GpuTrainer:
 
         Parameters
         ----------
-        camera : PinholeCamera
         pixels : uint8 array of shape [H, W, 3]
         valid : bool array of shape [H, W], optional
             Pixels that count; all by default.
@@ -222,7 +219,6 @@ class GpuTrainer:
         ----------
         values, moments : mapping of str to tensor, and to AdamState
             As `download` returns them. There may be other Gaussians and fewer bands of harmonics, not other features.
-        n_background : int
 
         Raises
         ------

@@ -115,18 +115,12 @@ class TrainingFrame(TrainingWorkspace, Frame):
 
     Parameters
     ----------
-    gpu : Gpu
-    size : FrameSize
-    parameters : GpuParameters
-    exposures : GpuExposures
     status : wgpu.GPUBuffer
         See optimiser.wgsl.
     pool : dict of str to wgpu.GPUBuffer
         See `Workspace`; that of frames whose steps do not overlap those of this one.
-    timings : Timings, optional
     n_moving : int, optional
         See `Frame`.
-    limits : StepLimits, optional
 
     Raises
     ------
@@ -325,8 +319,6 @@ class TrainingFrame(TrainingWorkspace, Frame):
         ----------
         index : int
             Number of the step since the status was cleared.
-        photo : PhotoLoss
-        unit_features : bool
         factors : float32 array of shape [5]
             beta1, beta2, 1 - beta1, 1 - beta2, eps.
         groups : float32 array of shape [8, 4]

@@ -74,7 +74,6 @@ def clustering_loss(
     ----------
     features : tensor of shape [h, w, F]
         Rendered features, blended like colour, without background.
-    labelled : LabelledPixels
     n_samples : int
         Random pixels to evaluate on, 0 for all. The value is then an estimate: the sum over the sample times P / S.
     generator : torch.Generator, optional

@@ -17,7 +17,6 @@ class GpuExposures:
 
     Parameters
     ----------
-    gpu : Gpu
     values : float32 array of shape [V, 3]
         0 leaves a photo as it is.
     moments : AdamState, optional

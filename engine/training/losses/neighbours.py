@@ -43,7 +43,6 @@ def nearest_neighbours(means: torch.Tensor, k: int = N_NEIGHBOURS) -> torch.Tens
     ----------
     means : tensor of shape [N, 3]
         Centres; N is at least 2.
-    k : int
     """
     points = means.detach().cpu().numpy()
     available = min(k, len(points) - 1)

@@ -37,10 +37,6 @@ _QUIET = {
 def connected_client(settings: BatchSettings) -> Iterator[Client]:
     """Yield a client of the scheduler at the given address, or of a scheduler with workers on this computer.
 
-    Parameters
-    ----------
-    settings : BatchSettings
-
     Raises
     ------
     EnvironmentProblem

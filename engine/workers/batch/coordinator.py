@@ -64,7 +64,6 @@ def run_batch(folders: Sequence[Path], settings: BatchSettings, *, emit: Emit, s
     ----------
     folders : sequence of Path
         Photo folders or videos.
-    settings : BatchSettings
     emit, should_stop
         See `engine.core.events`.
 

@@ -50,7 +50,6 @@ def pack(project: Path, max_bytes: int | None) -> Files:
 
     Parameters
     ----------
-    project : Path
     max_bytes : int or None
         Most that is read; None: no limit.
 

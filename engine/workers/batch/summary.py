@@ -20,7 +20,6 @@ def summary_as_dict(folders: Sequence[FolderState], notes: Sequence[str], second
 
     Parameters
     ----------
-    folders : sequence of FolderState
     notes : sequence of str
         Sentences about the whole batch.
     seconds : float
@@ -73,7 +72,6 @@ def summary_text(folders: Sequence[FolderState], notes: Sequence[str]) -> str:
 
     Parameters
     ----------
-    folders : sequence of FolderState
     notes : sequence of str
         Sentences about the whole batch.
     """

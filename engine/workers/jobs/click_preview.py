@@ -84,7 +84,6 @@ class ClickPreview:
 
     Parameters
     ----------
-    command : sequence of str
     environment : mapping
         Environment variables.
     """

@@ -41,7 +41,6 @@ class EngineRun:
 
     Parameters
     ----------
-    arguments : sequence of str
     on_event : callable
         Called in another thread with each event.
 

@@ -49,8 +49,6 @@ def text_arguments(prompt: str, name: str = "", camera: PinholeCamera | None = N
 
     Parameters
     ----------
-    prompt : str
-    name : str
     camera : PinholeCamera, optional
         Where the user looks from, in the normalised world: left and right refer to this view.
 
@@ -77,7 +75,6 @@ def any_word_arguments(texts: Sequence[str], model: str, folder: str = "") -> li
 
     Parameters
     ----------
-    texts : sequence of str
     model : str
         Model that knows more words, of the catalogue.
     folder : str
