@@ -1,4 +1,4 @@
-"""List the texts of the user interface in Blender, and those that have no translation yet.
+"""List the texts that users see in Blender, on the page and in reports, and those that have no translation yet.
 
 example: python scripts/extract_texts.py --language de
 """
@@ -8,28 +8,55 @@ from __future__ import annotations
 import argparse
 import ast
 import json
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("gaussian_heritage_addon", "operators")
-OFFERED = (ROOT / "engine" / "training" / "settings.py", ROOT / "engine" / "formats" / "table.py")
-"""Here the engine describes what a curator chooses from."""
-LANGUAGES = {file.stem: file for file in (ROOT / "gaussian_heritage_addon" / "language").glob("*.json")}
+PLACES = (
+    "gaussian_heritage_addon/**/*.py",
+    "operators/**/*.py",
+    "engine/delivery/report/*.py",
+    "engine/delivery/packages/page.py",
+    "engine/core/stage_names.py",
+    "engine/training/settings.py",
+    "engine/formats/table.py",
+)
+"""Modules with texts that users see."""
+PAGE = "engine/serve/page/src/**/*.js"
+LANGUAGES = {file.stem: file for file in (ROOT / "engine" / "core" / "language" / "texts").glob("*.json")}
 _SHOWN = ("text", "title", "confirm_text", "placeholder")
 """Arguments of layouts and dialogs that Blender translates."""
 _PARTS_OF_AN_ITEM = 5
-_TRANSLATING = {"translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1, "Format": 1}
+_TRANSLATING = {"t": 0, "translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1, "Format": 1}
 """Functions whose text at this position among their arguments is translated."""
 _CONSTANTS = {"_LABEL": "label", "_DESCRIPTION": "tooltip"}
-"""Ends of the names of constants that are translated where a property has them."""
+"""Ends of the names of constants that are translated where they are shown."""
+_TABLE = "_NAMES"
+"""End of the names of dictionaries whose values are translated where they are shown."""
+_CALL = re.compile(r"\b(t|plural)\(")
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
+"""On the page, the first argument of `t` has a text or several to choose from; `plural` has two, after the number."""
 _DESCRIPTION = 4
 """Position of the description of a format."""
 
 
+def texts_of_script(source: str) -> Iterator[str]:
+    """Yield each text that a module of the page translates."""
+    for call in _CALL.finditer(source):
+        depth, place = 1, call.end()
+        while depth and not (depth == 1 and source[place] == "," and call[1] == "t"):
+            if string := _STRING.match(source, place):
+                yield from filter(_has_letters, [json.loads(string[0])])
+                place = string.end()
+                continue
+            depth += {"(": 1, "[": 1, ")": -1, "]": -1}.get(source[place], 0)
+            place += 1
+
+
 def texts_of(source: str) -> Iterator[tuple[str, str]]:
-    """Yield the kind, ``"label"`` or ``"tooltip"``, and the text of each text that Blender translates in a module."""
+    """Yield the kind, ``"label"`` or ``"tooltip"``, and the text of each text of a module in Python."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.ClassDef):
             yield from _of_class(node)
@@ -39,6 +66,9 @@ def texts_of(source: str) -> Iterator[tuple[str, str]]:
             for ending, kind in _CONSTANTS.items():
                 if node.targets[0].id.endswith(ending):
                     yield from _constant(kind, node.value)
+            if node.targets[0].id.endswith(_TABLE) and isinstance(node.value, ast.Dict):
+                for value in node.value.values:
+                    yield from _constant("label", value)
         elif isinstance(node, ast.Call):
             called = node.func.id if isinstance(node.func, ast.Name) else ""
             is_offered = all(keyword.arg != "offered" for keyword in node.keywords)
@@ -94,16 +124,24 @@ def _constant(kind: str, node: ast.expr) -> Iterator[tuple[str, str]]:
     elif isinstance(node, ast.BoolOp):
         for value in node.values:
             yield from _constant(kind, value)
-    elif isinstance(node, ast.Constant) and isinstance(node.value, str) and any(map(str.isalpha, node.value)):
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str) and _has_letters(node.value):
         yield kind, node.value
 
 
+def _has_letters(text: str) -> bool:
+    return any(map(str.isalpha, text))
+
+
 def all_texts() -> dict[str, str]:
-    """Return all texts of the add-on, with their kinds."""
+    """Return all texts that users see, with their kinds."""
     found: dict[str, str] = {}
-    for file in [*OFFERED, *(file for folder in FOLDERS for file in sorted((ROOT / folder).rglob("*.py")))]:
-        for kind, text in texts_of(file.read_text(encoding="utf-8")):
-            found.setdefault(text, kind)
+    for place in PLACES:
+        for file in sorted(ROOT.glob(place)):
+            for kind, text in texts_of(file.read_text(encoding="utf-8")):
+                found.setdefault(text, kind)
+    for file in sorted(ROOT.glob(PAGE)):
+        for text in texts_of_script(file.read_text(encoding="utf-8")):
+            found.setdefault(text, "label")
     return found
 
 

@@ -172,11 +172,12 @@ def _lock_project(folder: Path) -> object:
 
 def _collect_facts(folder: Path) -> object:
     """Write the page of the report with its plot, which takes a second."""
+    from engine.core.language import languages
     from engine.delivery.report.facts import collect_facts
     from engine.delivery.report.page import Pictures, page
     from engine.project.folder import ProjectFolder
 
-    return page(collect_facts(ProjectFolder.open_existing(folder)), Pictures())
+    return page(collect_facts(ProjectFolder.open_existing(folder)), Pictures(), languages()[-1])
 
 
 def _collect_facts_without_plot(folder: Path) -> object:

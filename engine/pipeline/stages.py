@@ -17,12 +17,14 @@ from ..cameras.settings import CameraSettings
 from ..core.errors import EnvironmentProblem, FormatError, ProjectError
 from ..core.events import Progress, Warned
 from ..core.files import delete_derived, file_sha256, record_of, write_json
+from ..core.language import languages
 from ..core.parts import part
 from ..core.settings import to_dict
 from ..masks import MasksBeside
 from ..masks.settings import MaskSettings
 from ..photos import PhotoStatistics
 from ..photos.settings import PhotoSettings
+from ..project.content import report_file
 from ..project.folder import SCENE_OUTPUT, ProjectFolder, stage_key
 from ..rasterizer import PROCESSOR, Device, device_words, run_on, training_stopped
 from ..scene import CameraSet, PhotoSet
@@ -399,9 +401,9 @@ def report_stage(runner: StageRunner, *, find_device: Callable[[], Device]) -> N
     from ..delivery.report import build_report
 
     def compute() -> dict[str, Any]:
-        built, device = run_on(find_device(), lambda device: build_report(runner.project, backend=device.backend))
-        return {"html": str(built.relative_to(runner.project.path)), "device": device.name}
+        _, device = run_on(find_device(), lambda device: build_report(runner.project, backend=device.backend))
+        return {"device": device.name}
 
-    page = runner.project.path / "report" / "report.html"
-    key = stage_key([runner.key_of(stage) for stage in STAGES[:-1]])
-    runner.run("report", key, compute, [page], settings={})
+    pages = [report_file(runner.project.path, language.code) for language in languages()]
+    key = stage_key([runner.key_of(stage) for stage in STAGES[:-1]], [page.name for page in pages])
+    runner.run("report", key, compute, pages, settings={})

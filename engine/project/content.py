@@ -79,9 +79,15 @@ def scene_file(project: Path) -> Path:
     return file
 
 
-def report_file(project: Path) -> Path:
-    """Return the file of the project's report, which need not exist."""
-    return path_within(project, "report", "report.html")
+def report_file(project: Path, language: str = "en") -> Path:
+    """Return the file of the project's report in a language, by its code, which need not exist."""
+    return path_within(project, "report", "report.html" if language == "en" else f"report_{language}.html")
+
+
+def readable_report(project: Path, language: str) -> Path:
+    """Return the report in a language, or in English where it was written before there was this language."""
+    file = report_file(project, language)
+    return file if file.is_file() else report_file(project)
 
 
 def shown_objects(project: Path) -> list[ProjectObject]:

@@ -18,6 +18,7 @@ from starlette.exceptions import HTTPException
 
 from .. import __version__
 from ..core.errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError, PromptError, SettingsError
+from ..core.language import TEXTS
 from .access import Server
 from .accounts import Accounts
 from .api import api_router
@@ -94,6 +95,7 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
     )
     app.state.server = server
     app.include_router(api_router())
+    app.mount("/languages", PageFiles(directory=TEXTS))
     app.mount("/", PageFiles(directory=page, html=True))
     app.add_exception_handler(HeritageError, _heritage_error)
     app.add_exception_handler(RequestValidationError, _validation_error)

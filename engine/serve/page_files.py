@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 from ..core.files import read_bytes
 
 _MAX_BYTES = 1 << 25
-_COMPRESSED = (".js", ".css", ".html", ".txt")
+_COMPRESSED = (".js", ".css", ".html", ".json", ".txt")
 
 
 class PageFiles(StaticFiles):

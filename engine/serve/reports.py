@@ -9,7 +9,7 @@ from fastapi.responses import FileResponse
 from ..core.errors import FormatError
 from ..core.files import object_file, read_json, write_json
 from ..core.visible_text import visible
-from ..project.content import report_file, scene_file, shown_objects
+from ..project.content import readable_report, report_file, scene_file, shown_objects
 from ..project.objects import RECORD_FILE
 from .engine_call import call_engine
 from .library import NotFound, WebProject
@@ -49,12 +49,12 @@ def make_report(project: WebProject) -> None:
     write_json(project.cache / _STAMP, {"made_from": key})
 
 
-def report_response(project: WebProject) -> FileResponse:
-    """Return the report of a project as an answer that runs no script."""
+def report_response(project: WebProject, language: str) -> FileResponse:
+    """Return the report of a project in a language, by its code, as an answer that runs no script."""
     # The report is one file with its own styles and pictures.
     policy = "default-src 'none'; img-src data: 'self'; style-src 'unsafe-inline'; sandbox"
     headers = {"Content-Security-Policy": policy, "Cache-Control": "no-cache"}
-    return FileResponse(report_file(project.project), media_type="text/html", headers=headers)
+    return FileResponse(readable_report(project.project, language), media_type="text/html", headers=headers)
 
 
 def _key(project: WebProject) -> str:

@@ -1,19 +1,11 @@
-"""Translations of the user interface. Blender looks its texts up in the language of its preferences.
-
-Each JSON file of this folder is a language: the names that Blender's versions have for it, and its texts, labels
-and tooltips alike, by the English ones. ``scripts/extract_texts.py`` lists what is missing or not used any more.
-"""
+"""Translations of the user interface. Blender looks its texts up in the language of its preferences."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
-from ...engine.core.files import read_json
+from ...engine.core.language import languages
 
-LANGUAGES = sorted(Path(__file__).parent.glob("*.json"))
-_SCHEMA = {"locales": [str], "texts": {str: str}}
 _NAME = __package__ or __name__
 _CONTEXTS = ("*", "Operator")
 """Contexts in which Blender looks up labels; those of operators have one of their own."""
@@ -28,25 +20,19 @@ def translated(text: str, *values: object) -> str:
     return found.format(*values) if values else found
 
 
-def texts_of(language: Path) -> tuple[list[str], dict[str, str]]:
-    """Return Blender's names of a language, and its texts by the English ones, as a file of `LANGUAGES` has them.
-
-    Raises
-    ------
-    FormatError
-        When the file is damaged.
-    """
-    stored = read_json(language, _SCHEMA, advice="Install the extension again.")
-    return stored["locales"], stored["texts"]
+def language_code() -> str:
+    """Return the code of the interface's language, or that of English where it has no translation."""
+    locale = bpy.app.translations.locale
+    return next((one.code for one in languages() if locale in one.locales), languages()[0].code)
 
 
 def register() -> None:
     """Give Blender the translations."""
-    given: dict[str, dict[tuple[str, str], str]] = {}
-    for language in LANGUAGES:
-        locales, texts = texts_of(language)
-        own = {(context, text): one for text, one in texts.items() for context in _CONTEXTS}
-        given |= dict.fromkeys(locales, own)
+    given = {
+        locale: {(context, text): own for text, own in language.texts.items() for context in _CONTEXTS}
+        for language in languages()
+        for locale in language.locales
+    }
     bpy.app.translations.register(_NAME, given)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 from bpy.app.translations import pgettext_n
 
+from ...engine.core.stage_names import STAGE_NAMES
 from ...engine.workers.jobs import Job, JobState, format_seconds, seconds_left_in_all
 from ..blender.drawn_text import draw_text
 from ..language.translations import translated
@@ -25,6 +26,14 @@ _METRICS = {
 """Metrics that are shown. The others are for programs."""
 
 
+def progress_text(state: JobState) -> str:
+    """Return how far a job is, for a progress bar, which cuts what does not fit."""
+    share, stage = f"{state.fraction:.0%}", translated(STAGE_NAMES.get(state.stage, state.stage))
+    if state.seconds_left is None:
+        return f"{share}  {stage}"
+    return translated("{}, {} left: {}", share, format_seconds(state.seconds_left), stage)
+
+
 def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool = True) -> None:
     """Draw the progress of a job with its preview image and training curve, or its result.
 
@@ -36,7 +45,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool
     if state.running:
         if bar:
             row = box.row(align=True)
-            row.progress(factor=state.fraction, text=state.progress_line())
+            row.progress(factor=state.fraction, text=progress_text(state))
             row.operator("heritage.cancel_job", text="", icon="CANCEL")
         draw_text(box, state.message or job.subject, n_boxes=1)
         left = seconds_left_in_all(Path(job.subject), state) if job.kind == "reconstruct" else None

@@ -23,7 +23,7 @@ from ..project.moved_projects import is_missing
 from ..project.open_projects import is_open_elsewhere
 from ..splats.properties import HeritageScene, project_of
 from . import by_hand_panel, display_panel, objects_panel
-from .job_box import draw_curve, draw_job
+from .job_box import draw_curve, draw_job, progress_text
 from .set_up_box import SET_UP_KINDS, draw_set_up
 
 _STATUS_SHARE = 0.65
@@ -92,7 +92,7 @@ def _running_text(job: Job, state: JobState) -> str:
         # Both have no room in a sidebar of the usual width; the panel Progress has the stage.
         return f"{state.fraction:.0%}   {_waiting_text()}"
     # The engine needs seconds until it begins with a stage.
-    return state.progress_line() if state.stage else job_name(job.kind, Path(job.subject), job.command)
+    return progress_text(state) if state.stage else job_name(job.kind, Path(job.subject), job.command)
 
 
 def _waiting_text() -> str:

@@ -17,7 +17,7 @@ FILES = sorted(
     for pattern in (
         "*.md", "Makefile", "compose*.yaml", "docs/*.md", "engine/**/*.py", "engine/serve/page/src/**/*.js",
         "gaussian_heritage_addon/**/*.py", "operators/**/*.py", "scripts/**/*.py", "benchmarks/**/*.py", "demo/**/*.md",
-        "gaussian_heritage_addon/language/*.json",
+        "engine/core/language/texts/*.json",
     )
     for file in ROOT.glob(pattern)
 )  # fmt: skip
@@ -77,7 +77,7 @@ def test_every_example_is_a_known_word() -> None:
         ("engine/cli/commands/scene_options.py", "vase, teapot"),
         ("engine/serve/page/src/views/objects.js", "vase, teapot"),
         ("gaussian_heritage_addon/panels/objects_panel.py", "vase, teapot"),
-        ("gaussian_heritage_addon/language/de.json", "vase, teapot"),
+        ("engine/core/language/texts/de.json", "vase, teapot"),
         ("operators/import_photos.py", "vase, teapot"),
         ("operators/isolate.py", "vase"),
         ("docs/curators.md", "vase, teapot"),
@@ -96,5 +96,5 @@ def test_unknown_example_is_reported() -> None:
 
 def test_german_placeholder_is_the_english_one() -> None:
     """Words are English in every language of the interface."""
-    text = (ROOT / "gaussian_heritage_addon" / "language" / "de.json").read_text(encoding="utf-8")
+    text = (ROOT / "engine" / "core" / "language" / "texts" / "de.json").read_text(encoding="utf-8")
     assert '"vase, teapot": "vase, teapot"' in text

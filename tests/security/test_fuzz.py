@@ -90,7 +90,7 @@ NOT_REACHED = {
     "engine/objects/grounding/efficientnet.py": "a weight file with a SHA-256 in the catalogue",
     "engine/core/words/vocabulary_words.py:_read_rows": "our own word lists",
     "engine/objects/grounding/wholeness.py:_numbers": "our own weights",
-    "gaussian_heritage_addon/language/translations.py:texts_of": "our own texts",
+    "engine/core/language/reading.py:languages": "our own texts",
     "engine/install/environment/locked.py": "our own locked requirements",
     "engine/install/environment/target.py": "our own locked requirements",
     "engine/install/models/npm_package.py:_dist": "what the registry answers: its own tests",

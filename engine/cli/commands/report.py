@@ -10,7 +10,7 @@ from ...project.folder import ProjectFolder
 from .scene_options import add_device_option
 
 NAME = "report"
-HELP = "Write the report of a scene: error against run time, stage times, objects, what was left out."
+HELP = "Write the report of a scene in each language: error against run time, stage times, objects, what was left out."
 EXAMPLE = "python -m engine report scene"
 LOG_IN = "project"
 
@@ -30,13 +30,13 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     with ProjectFolder.open_existing(options.project) as project:
         project.require_intact("cameras", "training")
 
-        def build(device: Device) -> Path:
+        def build(device: Device) -> list[Path]:
             return build_report(project, backend=device.backend, title=options.title)
 
-        page, device = run_on(choose_device(options.device), build)
+        pages, device = run_on(choose_device(options.device), build)
         if project.stage_record("report") is not None:
             # The report is an output of that stage, which would take it for damaged.
-            project.record_outputs("report", [page])
+            project.record_outputs("report", pages)
     words = f"Its pictures were rendered on {device_words(device.name, device.reason)}."
-    emit(Finished(f"The report is {page}. {words}", {"report": str(page), "device": device.name}))
+    emit(Finished(f"The report is {pages[0]}. {words}", {"report": str(pages[0]), "device": device.name}))
     return 0

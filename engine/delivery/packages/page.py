@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from ...core.errors import EnvironmentProblem, FormatError
 from ...core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, read_bytes, read_text
+from ...core.language import languages
+from ...core.stage_names import STAGE_NAMES
 from ...formats import write_ply
 from ...scene import Gaussians, PinholeCamera, looked_at
 from ..report import Html, fill, joined
@@ -131,7 +133,8 @@ def write_page(
         title=described["title"],
         policy=_policy(script),
         style=Html(style),
-        kind="Object" if "object" in described else "Scene",
+        names=_PART_NAMES,
+        kind=_PART_NAMES["object" if "object" in described else "scene"],
         record=_record(described),
         captures=_captures(described),
         steps=_steps(described),
@@ -178,6 +181,7 @@ def _data(described: dict[str, Any], framing: Framing) -> dict[str, Any]:
         "radius": framing.radius,
         "up": framing.up,
         "views": [_view(camera) for camera in framing.views],
+        "languages": {language.code: dict(language.texts) for language in languages()},
     }
 
 
@@ -205,24 +209,28 @@ def _record(described: dict[str, Any]) -> Html:
     item, exported = described.get("object") or {}, described["exported"]
     edits = item.get("hand_edits") or {}
     prompt = item.get("prompt") or {}
-    rows = [
-        ("Catalogue number", item.get("catalogue_number")),
-        ("Rights", item.get("rights")),
-        ("Notes", item.get("notes")),
-        ("Unit of length", described["unit"]["text"]),
-        ("Size", (described.get("size") or {}).get("text")),
-        ("Part of", described.get("scene_title")),
-        ("Isolated by", prompt.get("text") or prompt.get("kind")),
-        ("Confidence", _number(item.get("confidence"))),
-        ("Agreement with its mask", _number(item.get("agreement"))),
-        ("Corrections by hand", edits.get("corrections")),
-        ("Photographs", sum(photo["use"] != "not used" for photo in described["captures"]) or None),
-        ("Made with", f"Gaussian Heritage {exported['software']['gaussian heritage']}"),
-        ("Commit", exported["commit"] and exported["commit"] + (" with changes" if exported["changed"] else "")),
-        ("Written", exported["finished"]),
-        ("Identifier", described["identifier"]),
-    ]
-    return joined(fill("<dt>{}</dt><dd>{}</dd>", name, _lines(value)) for name, value in rows if value is not None)
+    rows = {
+        "catalogue_number": item.get("catalogue_number"),
+        "rights": item.get("rights"),
+        "notes": item.get("notes"),
+        "unit": described["unit"]["text"],
+        "size": (described.get("size") or {}).get("text"),
+        "scene": described.get("scene_title"),
+        "prompt": prompt.get("text") or prompt.get("kind"),
+        "confidence": _number(item.get("confidence")),
+        "agreement": _number(item.get("agreement")),
+        "corrections": edits.get("corrections"),
+        "captures": sum(photo["use"] != "not used" for photo in described["captures"]) or None,
+        "software": f"Gaussian Heritage {exported['software']['gaussian heritage']}",
+        "commit": exported["commit"] and exported["commit"] + (" with changes" if exported["changed"] else ""),
+        "finished": exported["finished"],
+        "identifier": described["identifier"],
+    }
+    return joined(
+        fill("<dt>{}</dt><dd>{}</dd>", _RECORD_NAMES[key], _lines(value))
+        for key, value in rows.items()
+        if value is not None
+    )
 
 
 def _lines(value: object) -> Html:
@@ -245,12 +253,14 @@ def _captures(described: dict[str, Any]) -> Html:
         )
         for photo in described["captures"]
     )
-    head = "<tr><th>photograph</th><th>use</th><th>taken</th><th>camera</th></tr>"
-    return fill("<table><thead>{}</thead><tbody>{}</tbody></table>", Html(head), rows)
+    head = joined(fill("<th>{}</th>", name) for name in _COLUMN_NAMES.values())
+    return fill("<table><thead><tr>{}</tr></thead><tbody>{}</tbody></table>", head, rows)
 
 
 def _steps(described: dict[str, Any]) -> Html:
-    return joined(fill("<dt>{}</dt><dd>{}</dd>", _capital(step["what"]), _step(step)) for step in described["steps"])
+    return joined(
+        fill("<dt>{}</dt><dd>{}</dd>", STAGE_NAMES[step["stage"]], _step(step)) for step in described["steps"]
+    )
 
 
 def _step(step: dict[str, Any]) -> str:
@@ -264,10 +274,33 @@ def _step(step: dict[str, Any]) -> str:
     return "; ".join(part for part in parts if part) or "No more is recorded."
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
+_PART_NAMES = {
+    "scene": "Scene",
+    "object": "Object",
+    "record": "Record",
+    "steps": "How it was made",
+    "captures": "Photographs",
+    "licences": "Licences of the viewer",
+}
+_RECORD_NAMES = {
+    "catalogue_number": "Catalogue number",
+    "rights": "Rights",
+    "notes": "Notes",
+    "unit": "Unit of length",
+    "size": "Size",
+    "scene": "Part of",
+    "prompt": "Isolated by",
+    "confidence": "Confidence",
+    "agreement": "Agreement with its mask",
+    "corrections": "Corrections by hand",
+    "captures": "Photographs",
+    "software": "Made with",
+    "commit": "Commit",
+    "finished": "Written",
+    "identifier": "Identifier",
+}
+_COLUMN_NAMES = {"name": "photograph", "use": "use", "taken": "taken", "camera": "camera"}
+"""What the page's script shows in the language of the browser."""
 _RESULTS = {
     "n_photos": "{} photographs",
     "n_registered": "{} placed",
@@ -287,10 +320,10 @@ _PAGE = """<!doctype html>
 <title>{title}</title><style>{style}</style></head><body>
 <main><header><p>{kind}</p><h1>{title}</h1></header>
 <div id="stage"><p>The 3D view needs JavaScript and WebGL 2.</p></div>
-<section><h2>Record</h2><dl class="record">{record}</dl></section>
-<section><h2>How it was made</h2><dl class="record">{steps}</dl>
-<details><summary>Photographs</summary><div class="wide" tabindex="0">{captures}</div></details>
-<details><summary>Licences of the viewer</summary><pre tabindex="0">{licences}</pre></details></section></main>
+<section><h2>{names[record]}</h2><dl class="record">{record}</dl></section>
+<section><h2>{names[steps]}</h2><dl class="record">{steps}</dl>
+<details><summary>{names[captures]}</summary><div class="wide" tabindex="0">{captures}</div></details>
+<details><summary>{names[licences]}</summary><pre tabindex="0">{licences}</pre></details></section></main>
 <p id="announcements" class="hidden-text" aria-live="polite"></p>
 <script type="application/json" id="data">{data}</script>
 <script type="application/octet-stream" id="viewer">{viewer}</script>

@@ -1,4 +1,4 @@
-"""Writes the report of a project: ``report/report.json`` and ``report/report.html``."""
+"""Writes the report of a project: ``report/report.json``, and a page in each language."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from ...cameras import training_pinhole
 from ...core.errors import FormatError, ObjectError, PhotoError
 from ...core.files import atomic_write, delete_derived, finite_or_null, write_json
+from ...core.language import languages
 from ...core.parts import part
 from ...pictures import Scene, write_png
+from ...project.content import report_file
 from ...project.folder import ProjectFolder
 from ...project.objects import list_objects, load_membership, object_gaussians
 from ...rasterizer.settings import Backend
@@ -42,8 +44,8 @@ _MAX_PAIRS = 3
 """Number of test photos that are shown next to their renders."""
 
 
-def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str | None = None) -> Path:
-    """Write the report of a project and return the path of the page.
+def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str | None = None) -> list[Path]:
+    """Write the report of a project and return the paths of its pages.
 
     Parameters
     ----------
@@ -56,9 +58,10 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
 
     Returns
     -------
-    Path
-        ``report/report.html``, one file with all its pictures. ``report.json`` and, where there are objects,
-        ``objects.png`` with four views of each are written into the same folder.
+    list of Path
+        ``report/report.html`` in English, then ``report_de.html`` and those of the other languages, each one file with
+        all its pictures. ``report.json`` and, where there are objects, ``objects.png`` with four views of each are
+        written into the same folder.
 
     Raises
     ------
@@ -91,10 +94,11 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
     else:
         delete_derived(folder, SHEET_FILE)
     write_json(folder / "report.json", finite_or_null(facts))
-    path = folder / "report.html"
-    with atomic_write(path, "w") as stream:
-        stream.write(page(facts, pictures))
-    return path
+    pages = {report_file(project.path, language.code): language for language in languages()}
+    for path, language in pages.items():
+        with atomic_write(path, "w") as stream:
+            stream.write(page(facts, pictures, language))
+    return list(pages)
 
 
 def _held_out_pairs(

@@ -7,10 +7,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ...core.language import Translate
+
 _INK, _LINE, _QUIET = "#2b2a27", "#8a4b2a", "#3f6673"
 
 
-def error_curve(curve: Sequence[dict[str, Any]]) -> str:
+def error_curve(curve: Sequence[dict[str, Any]], t: Translate) -> str:
     """Return PSNR, SSIM and L1 on the test photos against wall and CPU seconds as three SVG elements.
 
     Parameters
@@ -18,6 +20,8 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
     curve : sequence of dict
         ``wall_seconds``, ``cpu_seconds``, ``psnr``, ``ssim`` and ``l1`` of each measurement. Values that
         are missing or not finite are left out.
+    t : callable
+        Translates the labels.
 
     Returns
     -------
@@ -33,9 +37,9 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
     if len(points) < 2:
         return ""
     panels = (
-        ("psnr", "PSNR, dB (higher is better)"),
-        ("ssim", "SSIM (higher is better)"),
-        ("l1", "L1 (lower is better)"),
+        ("psnr", t("PSNR, dB (higher is better)")),
+        ("ssim", t("SSIM (higher is better)")),
+        ("l1", t("L1 (lower is better)")),
     )
     parts = []
     for key, title in panels:
@@ -52,10 +56,10 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
                 marker="o",
                 markersize=3,
                 linewidth=1.4,
-                label="wall time" if time == "wall_seconds" else "CPU time",
+                label=t("wall time" if time == "wall_seconds" else "CPU time"),
             )
         axes.set_title(title, fontsize=9, color=_INK, loc="left")
-        axes.set_xlabel("seconds", fontsize=8, color=_INK)
+        axes.set_xlabel(t("seconds"), fontsize=8, color=_INK)
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")

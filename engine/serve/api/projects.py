@@ -91,12 +91,14 @@ async def stream_events(
 
 
 @router.get("/{project_id}/report")
-async def read_report(project: CurrentProject, request: Request) -> FileResponse:
+async def read_report(
+    project: CurrentProject, request: Request, language: Annotated[str, Query(pattern="^[a-z]{2}$")] = "en"
+) -> FileResponse:
     """Return the report as a page of its own, as the objects are now; while a job runs, as they were before."""
     server = server_of(request)
     job = await run_in_threadpool(server.queue.last, project.folder)
     await server.work.report(project, is_busy=job is not None and job.state == "running")
-    return report_response(project)
+    return report_response(project, language)
 
 
 @router.get("/{project_id}/forecast")

@@ -7,6 +7,8 @@ from typing import Any
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
+from ...core.language import languages
+from ...core.stage_names import STAGE_NAMES
 from ...photos.settings import VIDEO_SUFFIXES
 from ...training.settings import DEFAULT_PRESET, LIGHT_DESCRIPTION, LIGHT_LABEL, OFFERED_PRESETS
 from ..access import CurrentUser, local_user, server_of, session_cookie, session_user, set_session
@@ -61,6 +63,8 @@ def _description(request: Request, user: str | None, cookie: str) -> dict[str, A
         "user": user,
         "csrf": "" if user is None else server.accounts.csrf_token(cookie),
         "limits": limits,
+        "languages": {one.code: one.name for one in languages()},
+        "stages": STAGE_NAMES,
         "presets": [{"name": one.name, "label": one.label, "description": one.description} for one in OFFERED_PRESETS],
         "default_preset": DEFAULT_PRESET,
         "light": {"label": LIGHT_LABEL, "description": LIGHT_DESCRIPTION},

@@ -92,9 +92,8 @@ def opened(project: Any) -> Any:
 
 def german_texts(part: Callable[[str], ModuleType]) -> dict[str, str]:
     """Return the German texts of the interface by the English ones."""
-    translations = part("gaussian_heritage_addon.language.translations")
-    (german,) = (texts for locales, texts in map(translations.texts_of, translations.LANGUAGES) if "de" in locales)
-    return german
+    (german,) = (one for one in part("engine.core.language").languages() if one.code == "de")
+    return dict(german.texts)
 
 
 def isolated() -> dict[str, bpy.types.Object]:

@@ -1,4 +1,5 @@
 // Requests to the server. Every problem becomes an `Error` whose message is a sentence for the person.
+import { language, t } from "./language.js";
 
 export const BASE = "/api/v1";
 
@@ -32,7 +33,7 @@ export async function request(method, path, body) {
   try {
     response = await fetch(path, options);
   } catch {
-    throw new Error("The server cannot be reached. Check the connection and try again.");
+    throw new Error(t("The server cannot be reached. Check the connection and try again."));
   }
   if (!response.ok) {
     const isSignIn = path === `${BASE}/session`;
@@ -49,13 +50,13 @@ async function problem(response) {
 
 /** Return a sentence for a refused request. `body` is the parsed answer, if there is one. */
 export function problemText(status, body) {
-  if (typeof body?.detail === "string" && body.detail) return body.detail;
-  if (status === 401) return "You are signed out. Sign in again.";
-  if (status === 403) return "The server refused this. Load the page again.";
-  if (status === 404) return "This does not exist any more. Load the page again.";
-  if (status === 413) return "The file is too large for this server.";
-  if (status === 507) return "The disk of the server is full.";
-  return `The server could not do this (error ${status}). Try again later.`;
+  if (typeof body?.detail === "string" && body.detail) return t(body.detail);
+  if (status === 401) return t("You are signed out. Sign in again.");
+  if (status === 403) return t("The server refused this. Load the page again.");
+  if (status === 404) return t("This does not exist any more. Load the page again.");
+  if (status === 413) return t("The file is too large for this server.");
+  if (status === 507) return t("The disk of the server is full.");
+  return t("The server could not do this (error {}). Try again later.", status);
 }
 
 /** Return this browser's name for itself, by which the server counts the streams of all its tabs. */
@@ -105,7 +106,7 @@ export const viewUrl = (id, photo, side) => `${address("projects", id, "views", 
 export const getPixel = (id, name, [x, y, z]) =>
   request("GET", `${address("projects", id, "views", name, "pixel")}?x=${x}&y=${y}&z=${z}`);
 export const sceneUrl = (id) => address("projects", id, "scene.ply");
-export const reportUrl = (id) => address("projects", id, "report");
+export const reportUrl = (id) => `${address("projects", id, "report")}?language=${language()}`;
 export const sceneExportUrl = (id, format) => `${address("projects", id, "export")}?format=${format}`;
 
 export const objectUrl = (id, object) => `${address("projects", id, "objects", `${object}.ply`)}?frame=scene`;

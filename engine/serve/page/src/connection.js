@@ -1,19 +1,21 @@
 // Whether the server answers. When it does not, a line at the top says so until it does.
 import { address } from "./api.js";
 import { announce, h, put, show } from "./dom.js";
+import { t } from "./language.js";
 
 const EVERY = 15000; // Milliseconds between two looks at a server that answers.
 const AGAIN = 3000; // The same for one that does not.
 const LONGEST = 8000; // Milliseconds until a request without an answer counts as lost.
 
-const text = "The server cannot be reached. What it computes goes on, and this page goes on by itself when the server is there again.";
-const element = h("div", { class: "gone", role: "alert", hidden: true }, h("p", null, text));
+const element = h("div", { class: "gone", role: "alert", hidden: true });
 const backs = new Set();
 let isGone = false;
 let timer = 0;
 
 /** Put the line into the page and begin to look. */
 export function watchConnection() {
+  const text = t("The server cannot be reached. What it computes goes on, and this page goes on by itself when the server is there again.");
+  put(element, h("p", null, text));
   put(document.body, element);
   window.addEventListener("offline", suspect);
   window.addEventListener("online", suspect);
@@ -42,7 +44,7 @@ async function look() {
   isGone = !answers;
   show(element, isGone);
   if (wasGone && answers) {
-    announce("The server is there again.");
+    announce(t("The server is there again."));
     for (const action of backs) action();
   }
   clearTimeout(timer);

@@ -1,4 +1,5 @@
 // Small helpers for the DOM. Text from the server always becomes a text node, never HTML.
+import { t } from "./language.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -72,7 +73,7 @@ export function notify(text) {
   const notices = document.getElementById("notices");
   if ([...notices.children].some((notice) => notice.firstChild.textContent === text)) return;
   const notice = h("div", { class: "notice", role: "alert" }, h("p", null, text));
-  put(notice, h("button", { type: "button", class: "plain", onclick: () => notice.remove() }, "Close"));
+  put(notice, h("button", { type: "button", class: "plain", onclick: () => notice.remove() }, t("Close")));
   put(notices, notice);
 }
 
@@ -104,7 +105,7 @@ export function confirmed(question, explanation, action, look = "danger") {
         h(
           "div",
           { class: "row end" },
-          h("button", { value: "no", autofocus: true }, "Cancel"),
+          h("button", { value: "no", autofocus: true }, t("Cancel")),
           h("button", { value: "yes", class: look }, action),
         ),
       ),
@@ -131,7 +132,7 @@ export function asked(question, label, action, value = "") {
         h(
           "div",
           { class: "row end" },
-          h("button", { type: "button", onclick: () => dialog.close("no") }, "Cancel"),
+          h("button", { type: "button", onclick: () => dialog.close("no") }, t("Cancel")),
           h("button", { value: "yes", class: "main" }, action),
         ),
       ),

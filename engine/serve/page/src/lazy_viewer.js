@@ -1,10 +1,12 @@
 // The renderer is large, so it is loaded only when there is a scene. This file lies beside viewer.js, in src/ as in dist/.
+import { t } from "./language.js";
+
 export async function startViewer(canvas, options) {
   let module;
   try {
     module = await import("./viewer.js");
   } catch {
-    throw new Error("The viewer could not be loaded. Load the page again.");
+    throw new Error(t("The viewer could not be loaded. Load the page again."));
   }
-  return module.createViewer(canvas, options);
+  return module.createViewer(canvas, { ...options, t });
 }

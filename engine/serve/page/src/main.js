@@ -1,7 +1,8 @@
 // Start of the page: who is signed in, and which screen belongs to the address.
 import { getSession, onSignedOut, signIn, signOut } from "./api.js";
 import { watchConnection } from "./connection.js";
-import { h, notify, refill } from "./dom.js";
+import { h, notify, refill, setText } from "./dom.js";
+import { fittingLanguage, language, speak, switchLanguage, t } from "./language.js";
 import { projectScreen } from "./views/project.js";
 import { projectsScreen } from "./views/projects.js";
 import { signInScreen } from "./views/sign_in.js";
@@ -26,9 +27,9 @@ async function route() {
     if (turn !== shown) return;
     refill(
       root,
-      h("h1", null, "This page cannot be shown"),
+      h("h1", null, t("This page cannot be shown")),
       h("p", null, error.message),
-      h("p", null, h("a", { href: "#/", class: "button" }, "To the projects")),
+      h("p", null, h("a", { href: "#/", class: "button" }, t("To the projects"))),
     );
   }
   refill(main, root);
@@ -56,8 +57,26 @@ function showTop() {
   refill(
     document.getElementById("top"),
     h("a", { href: "#/", class: "brand" }, "Gaussian Heritage"),
-    isNamed ? h("span", { class: "row" }, h("span", { class: "quiet" }, session.user), signOutButton()) : "",
+    h("span", { class: "row" }, isNamed ? [h("span", { class: "quiet" }, session.user), signOutButton()] : null, languageChoice()),
   );
+}
+
+function languageChoice() {
+  const options = Object.entries(session?.languages ?? {}).map(([code, name]) => h("option", { value: code, lang: code }, name));
+  const choice = h("select", { class: "plain", "aria-label": t("Language"), onchange: () => switchLanguage(choice.value) }, options);
+  choice.value = language();
+  return choice;
+}
+
+/** Fetch the table of the language that fits this browser, and say in it what the page has from its start. */
+async function chooseLanguage() {
+  const code = fittingLanguage(Object.keys(session.languages));
+  if (code === language()) return;
+  const response = await fetch(`languages/${code}.json`).catch(() => null);
+  if (!response?.ok) return; // English is better than nothing.
+  speak(code, (await response.json()).texts);
+  setText(document.getElementById("skip"), t("Skip to the content"));
+  document.getElementById("notices").setAttribute("aria-label", t("Messages"));
 }
 
 function signOutButton() {
@@ -67,7 +86,7 @@ function signOutButton() {
     location.hash = "#/";
     route();
   };
-  return h("button", { type: "button", class: "plain", onclick: action }, "Sign out");
+  return h("button", { type: "button", class: "plain", onclick: action }, t("Sign out"));
 }
 
 onSignedOut(async () => {
@@ -79,9 +98,9 @@ document.getElementById("skip").addEventListener("click", (event) => {
   main.focus();
 });
 window.addEventListener("hashchange", route);
-watchConnection();
 try {
   session = await getSession();
+  await chooseLanguage();
   const code = /^#\/sign-in\/([\w-]+)$/.exec(location.hash);
   if (code) {
     // Of the QR code that the server showed. It serves once and must not stay in the history.
@@ -91,4 +110,5 @@ try {
 } catch (error) {
   notify(error.message);
 }
+watchConnection();
 route();

@@ -1,6 +1,7 @@
 // A length between two places of the scene, by clicks or by keys.
 import { h, refill, setText, show, svg } from "./dom.js";
 import { length, sub } from "./vectors.js";
+import { t } from "./language.js";
 
 const CLICK = 4; // Pixels that the pointer may move during a click.
 
@@ -12,7 +13,7 @@ export function createMeasure(canvas, viewer, unit) {
   const line = svg("svg", { class: "line", "aria-hidden": "true" });
   const result = h("p", { class: "measured", role: "status", hidden: true });
   const cross = h("div", { class: "aim", hidden: true, "aria-hidden": "true" });
-  const button = h("button", { type: "button", "aria-pressed": "false", onclick: () => viewer() && toggle() }, "Measure");
+  const button = h("button", { type: "button", "aria-pressed": "false", onclick: () => viewer() && toggle() }, t("Measure"));
   let isOn = false;
   let points = [];
 
@@ -22,7 +23,7 @@ export function createMeasure(canvas, viewer, unit) {
     button.setAttribute("aria-pressed", String(on));
     show(cross, on);
     show(result, on);
-    setText(result, on ? "Click two points, or press Enter to set one at the cross." : "");
+    setText(result, on ? t("Click two points, or press Enter to set one at the cross.") : "");
     redraw();
   }
 
@@ -33,12 +34,12 @@ export function createMeasure(canvas, viewer, unit) {
   function setPoint(x, y) {
     const point = viewer().pick(x, y);
     if (!point) {
-      setText(result, "There is nothing at that place.");
+      setText(result, t("There is nothing at that place."));
       return;
     }
     if (points.length === 2) points = [];
     points.push(point);
-    setText(result, points.length === 2 ? lengthText(length(sub(points[0], points[1])), unit()) : "Now the second point.");
+    setText(result, points.length === 2 ? lengthText(length(sub(points[0], points[1])), unit()) : t("Now the second point."));
     redraw();
   }
 
@@ -81,7 +82,7 @@ export function createMeasure(canvas, viewer, unit) {
 
 /** The length in metres or, where the unit is not known, in units; three digits are more than a click can tell. */
 function lengthText(units, { metresPerUnit, text }) {
-  if (!metresPerUnit) return `${units.toPrecision(3)} units. ${text}`;
+  if (!metresPerUnit) return t("{} units. {}", units.toPrecision(3), t(text));
   const metres = units * metresPerUnit;
   if (metres < 0.01) return `${(metres * 1000).toPrecision(3)} mm`;
   return metres < 1 ? `${(metres * 100).toPrecision(3)} cm` : `${metres.toPrecision(3)} m`;

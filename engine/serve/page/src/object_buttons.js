@@ -1,6 +1,7 @@
 // The two buttons of an object in a list: one lights it in the scene and looks at it, one hides it. The page of the server
 // and the page that an export writes have the same ones.
 import { during, h, put, refill, svg } from "./dom.js";
+import { t } from "./language.js";
 
 /**
  * Return {element, update()}. `looks` is of object_looks.js, `object()` returns {id, name}, `point(object)` lights it and
@@ -20,8 +21,8 @@ export function createObjectButtons(looks, object, point, content) {
     const { id, name } = object();
     const isLit = looks.lit() === id;
     light.setAttribute("aria-pressed", String(isLit));
-    light.title = isLit ? "Put the light out" : "Light it in the scene and look at it";
-    const label = looks.isHidden(id) ? `Show ${name}` : `Hide ${name}`;
+    light.title = t(isLit ? "Put the light out" : "Light it in the scene and look at it");
+    const label = t(looks.isHidden(id) ? "Show {}" : "Hide {}", name);
     eye.setAttribute("aria-label", label);
     eye.title = label;
     refill(eye, eyeShape(looks.isHidden(id)));

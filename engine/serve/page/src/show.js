@@ -2,11 +2,16 @@
 import { announce, h, notify, put, refill, setText, show } from "./dom.js";
 import { createObjectButtons } from "./object_buttons.js";
 import { createObjectLooks } from "./object_looks.js";
-import { HELP, createTools } from "./tools.js";
+import { createTools, helpText } from "./tools.js";
+import { fittingLanguage, speak, t } from "./language.js";
 
 const data = JSON.parse(document.getElementById("data").textContent);
-const canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": `${data.title} in 3D. ${HELP}` });
-const loading = h("p", { class: "loading", role: "status" }, "Loading…");
+const language = fittingLanguage(Object.keys(data.languages));
+speak(language, data.languages[language]);
+// What the page has from its start is English.
+for (const element of document.querySelectorAll("header p, h2, dt, th, summary")) setText(element, t(element.textContent));
+const canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": t("{} in 3D. {}", data.title, helpText()) });
+const loading = h("p", { class: "loading", role: "status" }, t("Loading…"));
 let viewer = null;
 let view = null; // that was looked through last, null after a movement
 const tools = createTools(canvas, {
@@ -22,21 +27,21 @@ const tools = createTools(canvas, {
 const box = h("div", { class: "canvas-box" }, canvas, tools.parts, loading);
 const frame = h("div", { class: "frame" }, box, tools.element);
 const list = objectList();
-refill(document.getElementById("stage"), frame, h("p", { class: "hint" }, HELP), list.element);
+refill(document.getElementById("stage"), frame, h("p", { class: "hint" }, helpText()), list.element);
 // The messages of dom.js have their places in the page of the server; here they are made.
 put(
   document.body,
-  h("div", { id: "notices", class: "notices", role: "region", "aria-label": "Messages" }),
+  h("div", { id: "notices", class: "notices", role: "region", "aria-label": t("Messages") }),
 );
 
 try {
   const module = URL.createObjectURL(new Blob([await unpacked("viewer")], { type: "text/javascript" }));
   const { createViewer } = await import(module);
-  viewer = await createViewer(canvas, { moved, wheelIgnored: tools.wheelIgnored });
+  viewer = await createViewer(canvas, { t, moved, wheelIgnored: tools.wheelIgnored });
   viewer.setScene(data.center, data.radius, data.up);
   lookFrom(data.views[0]);
   const url = URL.createObjectURL(await unpacked("splats"));
-  await viewer.load(url, (share) => setText(loading, `Loading… ${Math.round(100 * share)} %`));
+  await viewer.load(url, (share) => setText(loading, t("Loading… {} %", Math.round(100 * share))));
   URL.revokeObjectURL(url);
   show(loading, false);
   box.dataset.ready = "true";
@@ -82,16 +87,16 @@ function objectList() {
     box.scrollIntoView({ block: "nearest" });
     await looks.light(object.id);
     view = viewer.lookAt(await looks.members(object.id), data.views);
-    announce(`${object.name} is lit in the scene.`);
+    announce(t("{} is lit in the scene.", object.name));
   };
   rows.push(...objects.map((object) => createObjectButtons(looks, () => object, point, object.name)));
   rows.forEach((row) => row.update());
   const dim = h("input", { type: "checkbox", onchange: () => looks.setDim(dim.checked).catch((error) => notify(error.message)) });
   const element = h(
     "section",
-    { class: "parts", hidden: objects.length === 0, "aria-label": "Objects" },
-    h("h2", null, "Objects"),
-    h("label", { class: "check" }, dim, "Dim what is not lit"),
+    { class: "parts", hidden: objects.length === 0, "aria-label": t("Objects") },
+    h("h2", null, t("Objects")),
+    h("label", { class: "check" }, dim, t("Dim what is not lit")),
     h("ul", null, rows.map((row) => h("li", null, row.element))),
   );
   return { element };

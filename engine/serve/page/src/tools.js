@@ -2,10 +2,16 @@
 // that an export writes have the same ones.
 import { announce, during, h, show, svg } from "./dom.js";
 import { createMeasure } from "./measure.js";
+import { t } from "./language.js";
 
-export const HELP =
-  "Drag to turn, two fingers or Shift and drag to move, pinch or Ctrl and wheel to zoom. Keys: arrows turn, Shift and arrows move, + and − zoom, H leads to the first view, N and P to the next and previous view, M measures: Enter sets a point at the cross, Escape ends.";
 const HINT_MS = 1500;
+
+/** How to move in the viewer. */
+export function helpText() {
+  return t(
+    "Drag to turn, two fingers or Shift and drag to move, pinch or Ctrl and wheel to zoom. Keys: arrows turn, Shift and arrows move, + and − zoom, H leads to the first view, N and P to the next and previous view, M measures: Enter sets a point at the cross, Escape ends.",
+  );
+}
 
 /**
  * Return {element, parts, measure, moved(), wheelIgnored(), listen()}: the buttons, and what belongs over the canvas.
@@ -16,7 +22,7 @@ const HINT_MS = 1500;
  */
 export function createTools(canvas, { viewer, views, lookFrom, current, home, unit, file, frame, more = [] }) {
   const measure = createMeasure(canvas, viewer, unit);
-  const hint = h("p", { class: "wheel-hint", hidden: true, "aria-hidden": "true" }, "Hold Ctrl and turn the wheel to zoom.");
+  const hint = h("p", { class: "wheel-hint", hidden: true, "aria-hidden": "true" }, t("Hold Ctrl and turn the wheel to zoom."));
   let hintTimer = 0;
 
   const tool = (text, action, props = {}) => {
@@ -29,7 +35,7 @@ export function createTools(canvas, { viewer, views, lookFrom, current, home, un
     const at = Math.max(0, all.indexOf(current() ?? viewer().nearestView(all)));
     const next = (at + by + all.length) % all.length;
     lookFrom(all[next]);
-    announce(`View ${next + 1} of ${all.length}`);
+    announce(t("View {} of {}", next + 1, all.length));
   };
   const fullScreen = async () => {
     if (document.fullscreenElement) await document.exitFullscreen();
@@ -43,16 +49,16 @@ export function createTools(canvas, { viewer, views, lookFrom, current, home, un
   const named = (label) => ({ "aria-label": label, title: label });
   const element = h(
     "div",
-    { class: "tools", role: "group", "aria-label": "View" },
-    tool("+", () => viewer().zoom(1 / 1.3), named("Zoom in")),
-    tool("−", () => viewer().zoom(1.3), named("Zoom out")),
-    tool("First view", home),
-    tool("‹", () => step(-1), named("Previous view")),
-    tool("›", () => step(1), named("Next view")),
+    { class: "tools", role: "group", "aria-label": t("View") },
+    tool("+", () => viewer().zoom(1 / 1.3), named(t("Zoom in"))),
+    tool("−", () => viewer().zoom(1.3), named(t("Zoom out"))),
+    tool(t("First view"), home),
+    tool("‹", () => step(-1), named(t("Previous view"))),
+    tool("›", () => step(1), named(t("Next view"))),
     measure.button,
     more,
-    tool("Save picture", savePicture),
-    document.fullscreenEnabled ? tool(corners(), fullScreen, named("Full screen")) : null,
+    tool(t("Save picture"), savePicture),
+    document.fullscreenEnabled ? tool(corners(), fullScreen, named(t("Full screen"))) : null,
   );
 
   function onKey(event) {

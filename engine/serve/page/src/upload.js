@@ -3,6 +3,7 @@
 // call every photo image.jpg and give it the time at which it was chosen.
 import { Upload } from "tus-js-client";
 import { BASE, headers, problemText } from "./api.js";
+import { t } from "./language.js";
 
 const AT_A_TIME = 3;
 const CHUNK = 8 * 1024 * 1024; // Most photos fit in one; a video that is interrupted loses at most this much.
@@ -42,7 +43,7 @@ export function createUploads(project, limits, changed) {
       known = await contentOf(entry.file);
     } catch {
       // The file was moved or changed since it was chosen.
-      if (entry.state === "sending") finish(entry, "refused", "The file cannot be read any more. Choose it again.");
+      if (entry.state === "sending") finish(entry, "refused", t("The file cannot be read any more. Choose it again."));
       return;
     }
     if (entry.state !== "sending") return;
@@ -129,18 +130,18 @@ function refusal(file, limits) {
   const ending = `.${file.name.split(".").pop().toLowerCase()}`;
   const isPhoto = limits.photo_types.includes(ending);
   if (!isPhoto && !limits.video_types.includes(ending)) {
-    return `This kind of file cannot be used. Use ${[...limits.photo_types, ...limits.video_types].join(", ")}.`;
+    return t("This kind of file cannot be used. Use {}.", [...limits.photo_types, ...limits.video_types].join(", "));
   }
-  if (file.size === 0) return "The file is empty.";
+  if (file.size === 0) return t("The file is empty.");
   if (isPhoto && file.size > limits.photo_bytes) {
-    return `The photo is larger than ${Math.floor(limits.photo_bytes / 1e6)} MB.`;
+    return t("The photo is larger than {} MB.", Math.floor(limits.photo_bytes / 1e6));
   }
   return "";
 }
 
 function reasonOf(error) {
   const response = error.originalResponse;
-  if (!response) return "The connection was lost. Choose the file again to go on.";
+  if (!response) return t("The connection was lost. Choose the file again to go on.");
   let body = null;
   try {
     body = JSON.parse(response.getBody());

@@ -35,8 +35,8 @@ const LONGEST_MS = 20_000; // The same for a page that is seen: slow computers n
  * viewsThatShow(point, views), lookAt(members, views), nearestView(views), picture(), dispose()}. `moved(isPhoto)` of the
  * options is called when the camera moves, `wheelIgnored()` when a wheel turned that scrolls the page.
  */
-export async function createViewer(canvas, { moved = () => {}, wheelIgnored = () => {} } = {}) {
-  const app = await createApp(canvas);
+export async function createViewer(canvas, { t, moved = () => {}, wheelIgnored = () => {} }) {
+  const app = await createApp(canvas, t);
   const device = app.graphicsDevice;
   const camera = new Entity("camera");
   camera.addComponent("camera", {
@@ -156,7 +156,7 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   });
 
   async function addSplats(url, progress) {
-    const { asset, order } = await fetchSplats(app, url, progress);
+    const { asset, order } = await fetchSplats(app, url, progress, t);
     const entity = new Entity("splats");
     entity.addComponent("gsplat", { asset });
     return { asset, entity, order };
@@ -170,7 +170,7 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   /** Hide, light or dim Gaussians of the scene: one number of looks.js for each, in the order of the file, or null. */
   async function setLooks(newLooks) {
     if (scene && newLooks && newLooks.length !== scene.order.length) {
-      throw new Error("The objects do not belong to the scene that is shown. Load the page again.");
+      throw new Error(t("The objects do not belong to the scene that is shown. Load the page again."));
     }
     looks = newLooks;
     if (!scene) return;
@@ -352,12 +352,12 @@ export async function createViewer(canvas, { moved = () => {}, wheelIgnored = ()
   };
 }
 
-async function createApp(canvas) {
+async function createApp(canvas, t) {
   let device;
   try {
     device = await createGraphicsDevice(canvas, { deviceTypes: ["webgl2"], antialias: false, alpha: false, depth: false });
   } catch {
-    throw new Error("This browser cannot show 3D, because WebGL 2 is missing or switched off. The photos and downloads still work.");
+    throw new Error(t("This browser cannot show 3D, because WebGL 2 is missing or switched off. The photos and downloads still work."));
   }
   const options = new AppOptions();
   options.graphicsDevice = device;
@@ -394,9 +394,9 @@ function change(chunks, name, from, to) {
   chunks.set(name, code.replace(from, to));
 }
 
-async function fetchSplats(app, url, progress) {
+async function fetchSplats(app, url, progress, t) {
   const response = await fetch(url, { credentials: "same-origin", cache: "no-cache" }).catch(() => null);
-  if (!response?.ok) throw new Error("The 3D data could not be loaded. Check the connection and load the page again.");
+  if (!response?.ok) throw new Error(t("The 3D data could not be loaded. Check the connection and load the page again."));
   const asset = new Asset(url, "gsplat", { url, filename: "scene.ply", contents: response }, { reorder: false });
   app.assets.add(asset);
   // Neighbours lie together in memory, as the renderer would order them by itself; `order` leads back to the file.
@@ -408,7 +408,7 @@ async function fetchSplats(app, url, progress) {
   asset.on("progress", (received, total) => total > 0 && progress(received / total));
   return new Promise((resolve, reject) => {
     asset.once("load", () => resolve({ asset, order }));
-    asset.once("error", () => reject(new Error("The 3D data is damaged. Load the page again.")));
+    asset.once("error", () => reject(new Error(t("The 3D data is damaged. Load the page again."))));
     app.assets.load(asset);
   });
 }

@@ -102,7 +102,7 @@ def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
 
 
 def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> None:
-    page = build_report(project)
+    page = build_report(project)[0]
     assert page == project.path / "report" / "report.html"
     checker = read(page)
     assert checker.pictures == 2 * 3 + 4
@@ -117,15 +117,30 @@ def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> Non
     assert "gradient was not finite" not in checker.text, "a guard that never fired is not listed"
 
 
+def test_report_is_written_in_german_too_with_the_same_pictures_and_names(project: ProjectFolder) -> None:
+    english, german = build_report(project)
+    assert german == project.path / "report" / "report_de.html"
+    assert '<html lang="de">' in german.read_text(encoding="utf-8")
+    checker = read(german)
+    assert checker.pictures == read(english).pictures
+    for words in (
+        "<b>Kugel & Co", "blurred.png", "verwendete Fotos", "PSNR an Testfotos", "27.5 dB (80% der Pixel)",
+        "Nicht verwendet", "7 Drehungen der Länge null zurückgesetzt", "Die Szene wird aufgebaut", "Suchwort „ball“",
+        "Übereinstimmung mit seiner Maske 0.95", "Fehler über der Laufzeit",
+    ):  # fmt: skip
+        assert words in checker.text, words
+    assert "Photos" not in checker.text and "Objects" not in checker.text
+
+
 def test_report_says_first_that_the_photos_refute_their_cameras(project: ProjectFolder) -> None:
     figures = dict((project.stage_record("cameras") or {})["figures"])
     figures["health"] = {"colour": "green", "cause": "", "sentence": "All is well.", "refuted": []}
     project.finish_stage("cameras", "key", wall_seconds=1.0, cpu_seconds=1.0, figures=figures)
-    text = read(build_report(project)).text
+    text = read(build_report(project)[0]).text
     assert "green" in text and "All is well." not in text
     figures["health"] = {"colour": "red", "cause": "mirrored", "sentence": "Flip <them> back.", "refuted": ["a.jpg"]}
     project.finish_stage("cameras", "key", wall_seconds=1.0, cpu_seconds=1.0, figures=figures)
-    text = read(build_report(project)).text
+    text = read(build_report(project)[0]).text
     assert text.index("Flip <them> back.") < text.index("photos used")
 
 
@@ -138,8 +153,8 @@ def test_report_says_when_with_what_and_from_what_it_was_made(project: ProjectFo
         "training", "key", wall_seconds=1.0, cpu_seconds=1.0, figures=training["figures"], run=run,
         outputs=[project.path / "gaussians" / "scene.ply"],
     )  # fmt: skip
-    text = read(build_report(project)).text
-    for words in (run["finished"], "commit c0ffeec0ffee", "training the gaussians 11", "unit of length", "ab" * 32):
+    text = read(build_report(project)[0]).text
+    for words in (run["finished"], "commit c0ffeec0ffee", "Building the scene 11", "unit of length", "ab" * 32):
         assert words in text, words
     assert "is not known, because no distance was given" in text
     assert "not measured" not in text
@@ -151,7 +166,7 @@ def test_object_that_agrees_little_with_its_mask_is_marked(project: ProjectFolde
     file = project.path / "objects" / "b" / "object.json"
     data = json.loads(file.read_text(encoding="utf-8"))
     file.write_text(json.dumps({**data, "fit": fit}), encoding="utf-8")
-    assert ("Low agreement with its mask" in read(build_report(project)).text) == is_marked
+    assert ("Low agreement with its mask" in read(build_report(project)[0]).text) == is_marked
 
 
 def test_numbers_are_kept_as_strict_json(project: ProjectFolder) -> None:
@@ -172,31 +187,31 @@ def test_report_of_a_run_without_masks_objects_and_test_photos(blobs: BlobScene,
     project = trained_project(blobs, tmp_path, features=False)
     figures = {"curve": [{**CURVE[-1], "psnr": float("nan")}], "held_out": [], "measured_photos": ["view_1.png"]}
     project.finish_stage("training", "key", wall_seconds=5.0, cpu_seconds=9.0, figures=figures)
-    checker = read(build_report(project))
+    checker = read(build_report(project)[0])
     assert "No object was isolated yet." in checker.text and "too few photos for test photos" in checker.text
 
 
 def test_report_of_an_empty_project_says_what_is_missing(tmp_path: Path) -> None:
-    checker = read(build_report(ProjectFolder.create(tmp_path / "project")))
-    assert "Not done yet: reading the photos" in checker.text
+    checker = read(build_report(ProjectFolder.create(tmp_path / "project"))[0])
+    assert "Not done yet: Reading the photos" in checker.text
 
 
 def test_photo_that_is_gone_costs_only_its_picture(project: ProjectFolder, tmp_path: Path) -> None:
     (tmp_path / "photos" / "view_0.png").unlink()
-    assert read(build_report(project)).pictures == 3 + 4
+    assert read(build_report(project)[0]).pictures == 3 + 4
 
 
 def test_object_of_an_earlier_training_is_named_without_pictures(project: ProjectFolder, blobs: BlobScene) -> None:
     from engine.training.scene_files import save_gaussians
 
     save_gaussians(project.path / "gaussians", blobs.gaussians[:900])
-    checker = read(build_report(project))
+    checker = read(build_report(project)[0])
     assert checker.pictures == 2 * 3 and "Kugel" in checker.text
 
 
 def test_curve_needs_two_measured_points() -> None:
-    assert error_curve(CURVE[:1]) == error_curve([]) == ""
-    assert error_curve([*CURVE, {"wall_seconds": 30.0, "psnr": None}]).startswith("<svg")
+    assert error_curve(CURVE[:1], str) == error_curve([], str) == ""
+    assert error_curve([*CURVE, {"wall_seconds": 30.0, "psnr": None}], str).startswith("<svg")
 
 
 def test_objects_are_shown_whole_and_from_the_sides_of_the_photos(blobs: BlobScene) -> None:
@@ -236,7 +251,7 @@ def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project:
     project.finish_stage(
         "training", "key", wall_seconds=61.0, cpu_seconds=100.0, figures=training, peak_memory=870_000_000
     )
-    text = read(build_report(project)).text
+    text = read(build_report(project)[0]).text
     for words in (
         "640 x 480", "promising ones, about 201", "45 s (30 s to 70 s)", "61 s", "0.90 GB (0.80 GB to 1.00 GB)",
         "0.87 GB", "being written", "300 of 3,000 training steps", "Saved: about 33 s",
@@ -246,7 +261,7 @@ def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project:
     assert "nothing left out" not in text
     assert "the brightness correction per photo" not in text
     project.put("measured_savings", {"standard": {"training_cpu_seconds": 120.0, "psnr_lost": 0.04}})
-    text = read(build_report(project)).text
+    text = read(build_report(project)[0]).text
     assert "120 CPU s of training saved, at 0.04 dB less" in text
 
 
@@ -258,11 +273,11 @@ def test_report_of_a_stage_that_was_continued_does_not_judge_its_forecast(projec
         "sh_degree": 0, "features": True, "exposure": True, "steps": 60,
     })  # fmt: skip
     project.finish_stage("masks", "key", wall_seconds=5.0, cpu_seconds=9.0, figures={}, continued=True)
-    text = read(build_report(project)).text
+    text = read(build_report(project)[0]).text
     assert "5.0 s (continued)" in text and "unknown" in text
     beside = {"beside": {"seconds": 42.0, "n_kept": 0, "peak_memory": 1_800_000_000, "problem": ""}}
     project.finish_stage("masks", "key", wall_seconds=0.1, cpu_seconds=9.0, figures=beside, peak_memory=500_000_000)
-    text = read(build_report(project)).text
+    text = read(build_report(project)[0]).text
     assert "0.1 s after 42 s while the cameras were estimated" in text and "1.80 GB" in text
 
 
@@ -388,7 +403,7 @@ def planned(project: ProjectFolder) -> ProjectFolder:
 
 
 def test_no_text_of_a_project_becomes_part_of_the_page(project: ProjectFolder) -> None:
-    healthy = Tags(build_report(planned(project)))
+    healthy = Tags(build_report(planned(project))[0])
     for stage in ("photos", "cameras", "masks", "training", "objects"):
         record = project.stage_record(stage) or {}
         figures = with_every_text(record["figures"], HOSTILE)
@@ -403,7 +418,7 @@ def test_no_text_of_a_project_becomes_part_of_the_page(project: ProjectFolder) -
         data = json.loads(file.read_text(encoding="utf-8"))
         data["name"], data["prompt"] = HOSTILE, {"kind": HOSTILE, "text": HOSTILE, "photo": HOSTILE}
         file.write_text(json.dumps(data), encoding="utf-8")
-    page = build_report(project)
+    page = build_report(project)[0]
     hostile = Tags(page)
     assert hostile.tags <= healthy.tags and "script" not in hostile.tags
     assert hostile.attributes <= healthy.attributes
@@ -448,9 +463,9 @@ def test_picture_from_outside_of_the_photo_folder_is_not_shown(project: ProjectF
     view = tmp_path / "photos" / "view_0.png"
     view.rename(tmp_path / "private.png")
     view.symlink_to(tmp_path / "private.png")
-    assert read(build_report(project)).pictures == 3 + 4
+    assert read(build_report(project)[0]).pictures == 3 + 4
 
 
 def test_numbers_that_cannot_be_drawn_are_left_out() -> None:
-    assert error_curve([{**point, "psnr": 1e308} for point in CURVE]).startswith("<svg")
-    assert error_curve([{**point, "wall_seconds": 1e300} for point in CURVE]) == ""
+    assert error_curve([{**point, "psnr": 1e308} for point in CURVE], str).startswith("<svg")
+    assert error_curve([{**point, "wall_seconds": 1e300} for point in CURVE], str) == ""

@@ -1,10 +1,10 @@
 // Choose an object by clicks in a photo: a dialog with the photo, dots for the clicks, and the photos to switch between.
 import { startJob, viewUrl } from "../api.js";
 import { announce, during, field, h, newId, notify, put, refill, setText, show, svg } from "../dom.js";
+import { t } from "../language.js";
 
 const SIDE = 1600;
 const STEP = 0.02; // Share of the photo that an arrow key moves the cross.
-const HELP = "Arrow keys move the cross, Enter sets a dot, Shift and Enter sets a dot that is not part.";
 
 /** `cameras()` returns a promise of the cameras, whose views are the photos that can be clicked. */
 export function createClicks(context, cameras) {
@@ -12,7 +12,7 @@ export function createClicks(context, cameras) {
   async function open({ object = null, photo = "", click = null } = {}) {
     const { views } = await cameras();
     if (views.length === 0) {
-      notify("There is no photo to click in.");
+      notify(t("There is no photo to click in."));
       return;
     }
     const first = Math.max(0, views.findIndex((view) => view.photo === photo));
@@ -36,13 +36,13 @@ function showDialog(context, views, first, object, clicks) {
   const target = h("div", { class: "target", tabindex: 0, role: "application" }, image, dots);
   const position = h("span", { class: "position" });
   const state = h("p", { class: "hint", "aria-live": "polite" });
-  const title = h("h2", { id: newId("title") }, object ? `Correct “${object.name}”` : "Click an object");
+  const title = h("h2", { id: newId("title") }, object ? t("Correct “{}”", object.name) : t("Click an object"));
   const nameInput = h("input", { type: "text", maxlength: 300, autocomplete: "off" });
   const button = (text, action, props) => h("button", { type: "button", onclick: action, ...props }, text);
-  const previous = button("‹", () => go(-1), { "aria-label": "Previous photo" });
-  const next = button("›", () => go(1), { "aria-label": "Next photo" });
-  const undo = button("Undo", undoLast);
-  const done = button("Done", () => during(done, finish), { class: "main" });
+  const previous = button("‹", () => go(-1), { "aria-label": t("Previous photo") });
+  const next = button("›", () => go(1), { "aria-label": t("Next photo") });
+  const undo = button(t("Undo"), undoLast);
+  const done = button(t("Done"), () => during(done, finish), { class: "main" });
   const dialog = h(
     "dialog",
     { class: "clicks", "aria-labelledby": title.id, onclose: () => dialog.remove() },
@@ -54,12 +54,12 @@ function showDialog(context, views, first, object, clicks) {
       h(
         "fieldset",
         { class: "toggle" },
-        h("legend", { class: "hidden-text" }, "What the next click means"),
-        h("label", { class: "part" }, wanted, "Part of it"),
-        h("label", { class: "not-part" }, unwanted, "Not part of it"),
+        h("legend", { class: "hidden-text" }, t("What the next click means")),
+        h("label", { class: "part" }, wanted, t("Part of it")),
+        h("label", { class: "not-part" }, unwanted, t("Not part of it")),
       ),
-      object ? null : field("Name (you can give it later)", nameInput),
-      h("div", { class: "row" }, undo, button("Cancel", () => dialog.close()), done),
+      object ? null : field(t("Name (you can give it later)"), nameInput),
+      h("div", { class: "row" }, undo, button(t("Cancel"), () => dialog.close()), done),
     ),
     state,
   );
@@ -75,8 +75,9 @@ function showDialog(context, views, first, object, clicks) {
     image.width = view.width; // The page does not jump while the photo loads.
     image.height = view.height;
     dots.setAttribute("viewBox", `0 0 ${view.width} ${view.height}`);
-    setText(position, `${index + 1} of ${views.length}`);
-    target.setAttribute("aria-label", `Photo ${view.photo}. ${HELP}`);
+    setText(position, t("{} of {}", index + 1, views.length));
+    const help = t("Photo {}. Arrow keys move the cross, Enter sets a dot, Shift and Enter sets a dot that is not part.", view.photo);
+    target.setAttribute("aria-label", help);
     cross = [0.5, 0.5];
     draw();
   }
@@ -98,9 +99,9 @@ function showDialog(context, views, first, object, clicks) {
     const count = (value) => clicks.filter((click) => click.wanted === value).length;
     undo.disabled = clicks.length === 0;
     done.disabled = clicks.length === 0 || (!object && !some);
-    if (clicks.length > 0) setText(state, `${count(true)} on the object, ${count(false)} not part of it.`);
-    else if (object) setText(state, "Click what is missing. For what does not belong to it, choose “Not part of it” or hold Shift.");
-    else setText(state, "Click the object once or several times. For what does not belong to it, choose “Not part of it” or hold Shift.");
+    if (clicks.length > 0) setText(state, t("{} on the object, {} not part of it.", count(true), count(false)));
+    else if (object) setText(state, t("Click what is missing. For what does not belong to it, choose “Not part of it” or hold Shift."));
+    else setText(state, t("Click the object once or several times. For what does not belong to it, choose “Not part of it” or hold Shift."));
   }
 
   function setClick(share, shift) {
@@ -126,7 +127,7 @@ function showDialog(context, views, first, object, clicks) {
     else job.name = nameInput.value.trim();
     await startJob(id, job);
     dialog.close();
-    announce("The object is being computed.");
+    announce(t("The object is being computed."));
     await context.refresh();
   }
 
@@ -143,7 +144,7 @@ function showDialog(context, views, first, object, clicks) {
     event.preventDefault();
     draw();
   });
-  image.addEventListener("error", () => setText(state, "The photo could not be loaded. Try another one."));
+  image.addEventListener("error", () => setText(state, t("The photo could not be loaded. Try another one.")));
 
   show(position, views.length > 1);
   put(document.body, dialog);

@@ -1,5 +1,7 @@
 // A small curve of the quality (PSNR) against the time.
 import { h, refill, show, svg } from "../dom.js";
+import { decimal } from "../format.js";
+import { t } from "../language.js";
 
 const WIDTH = 320;
 const HEIGHT = 150;
@@ -10,7 +12,7 @@ const RIGHT = 12;
 
 export function createCurve() {
   const drawing = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", class: "curve" });
-  const element = h("figure", { hidden: true }, drawing, h("figcaption", { class: "hint" }, "Quality (PSNR in dB) against seconds of training"));
+  const element = h("figure", { hidden: true }, drawing, h("figcaption", { class: "hint" }, t("Quality (PSNR in dB) against seconds of training")));
   let drawn = "";
 
   function update(points) {
@@ -19,7 +21,7 @@ export function createCurve() {
     if (points.length < 2 || key === drawn) return;
     drawn = key;
     const [seconds, quality] = points.at(-1);
-    drawing.setAttribute("aria-label", `Quality ${quality.toFixed(1)} dB after ${Math.round(seconds)} seconds`);
+    drawing.setAttribute("aria-label", t("Quality {} dB after {} seconds", decimal(quality), Math.round(seconds)));
     refill(drawing, ...shapes(points));
   }
 

@@ -1,16 +1,10 @@
 // One object: show it, correct it, fill in its record, download it, delete it.
 import { changeObject, deleteObject, exportUrl, objectUrl, startJob } from "../api.js";
 import { announce, confirmed, during, field, h, notify, refill, setText } from "../dom.js";
-import { plural } from "../format.js";
 import { createObjectButtons } from "../object_buttons.js";
+import { plural, t } from "../language.js";
 
-const FIELDS = [
-  ["name", "Name"],
-  ["title", "Title in the catalogue"],
-  ["catalogue_number", "Catalogue number"],
-  ["rights", "Rights"],
-  ["notes", "Notes"],
-];
+const FIELDS = ["name", "title", "catalogue_number", "rights", "notes"];
 
 export function createObjectCard(context, first, { stage, clicks, shownAlone }) {
   const { id, session } = context;
@@ -23,28 +17,28 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   const facts = h("span", { class: "quiet" });
   const picture = h("span", { class: "thumbnail" });
   const buttons = createObjectButtons(looks, () => object, (one) => stage.point(one, true), [picture, h("span", null, name, facts)]);
-  const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");
-  const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, "Correct");
-  const detail = h("button", { type: "button", onclick: () => during(detail, addDetail) }, "Add detail");
-  detail.title = "Train the object on the photos at their own resolution; the scene stays as it is";
-  const download = ({ name: format, label }) => h("li", null, h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, label));
-  const downloads = h("details", { class: "downloads" }, h("summary", null, "Download"), h("ul", { class: "row" }, session.formats.map(download)));
+  const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, t("Show alone"));
+  const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, t("Correct"));
+  const detail = h("button", { type: "button", onclick: () => during(detail, addDetail) }, t("Add detail"));
+  detail.title = t("Train the object on the photos at their own resolution; the scene stays as it is");
+  const download = ({ name: format, label }) => h("li", null, h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, t(label)));
+  const downloads = h("details", { class: "downloads" }, h("summary", null, t("Download")), h("ul", { class: "row" }, session.formats.map(download)));
   const inputs = Object.fromEntries(
-    FIELDS.map(([key, label]) => {
+    FIELDS.map((key) => {
       const props = { maxlength: key === "notes" ? 5000 : 300, autocomplete: "off", value: object[key] ?? "" };
       const input = key === "notes" ? h("textarea", { rows: 3, ...props }) : h("input", { type: "text", required: key === "name", ...props });
-      return [key, { input, row: field(label, input) }];
+      return [key, { input, row: field(fieldText(key), input) }];
     }),
   );
-  const save = h("button", { class: "main" }, "Save");
-  const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete object");
+  const save = h("button", { class: "main" }, t("Save"));
+  const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, t("Delete object"));
   const form = h(
     "form",
     { onsubmit: (event) => (event.preventDefault(), during(save, saveRecord)) },
     Object.values(inputs).map(({ row }) => row),
     h("div", { class: "row apart" }, save, remove),
   );
-  const details = h("details", { class: "record" }, h("summary", null, "Name and record"), form);
+  const details = h("details", { class: "record" }, h("summary", null, t("Name and record")), form);
   const element = h(
     "li",
     { class: "object" },
@@ -71,19 +65,19 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
 
   async function saveRecord() {
     const values = {};
-    for (const [key] of FIELDS) {
+    for (const key of FIELDS) {
       const value = inputs[key].input.value.trim();
       if (value !== (object[key] ?? "")) values[key] = value;
     }
     if (Object.keys(values).length > 0) await changeObject(id, object.id, values);
     details.open = false;
     details.firstChild.focus();
-    announce("The record is saved.");
+    announce(t("The record is saved."));
     await context.refresh();
   }
 
   async function removeThis() {
-    const sure = await confirmed(`Delete “${object.name}”?`, "The object is moved to the server's trash. The scene stays as it is.", "Delete object");
+    const sure = await confirmed(t("Delete “{}”?", object.name), t("The object is moved to the server's trash. The scene stays as it is."), t("Delete object"));
     if (!sure) return;
     await deleteObject(id, object.id);
     await context.refresh();
@@ -92,7 +86,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   function setAlone(value) {
     alone = value;
     look.setAttribute("aria-pressed", String(value));
-    setText(look, value ? "Show in the scene" : "Show alone");
+    setText(look, value ? t("Show in the scene") : t("Show alone"));
     element.classList.toggle("current", value);
   }
 
@@ -117,7 +111,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
     if (isNew || !picture.firstChild) updatePicture();
     setText(name, object.title || object.name);
     setText(facts, factsOf(object));
-    for (const [key] of FIELDS) {
+    for (const key of FIELDS) {
       const { input } = inputs[key];
       // What a person is typing is not overwritten.
       if (input.value.trim() === (before[key] ?? "")) input.value = object[key] ?? "";
@@ -129,10 +123,21 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   return { element, update, updateLooks, setAlone, isAlone: () => alone };
 }
 
+function fieldText(key) {
+  const texts = {
+    name: t("Name"),
+    title: t("Title in the catalogue"),
+    catalogue_number: t("Catalogue number"),
+    rights: t("Rights"),
+    notes: t("Notes"),
+  };
+  return texts[key];
+}
+
 function factsOf(object) {
-  const parts = [object.title ? object.name : "", object.catalogue_number, plural(object.n_gaussians, "Gaussian")];
-  if (object.has_detail) parts.push("with detail");
+  const parts = [object.title ? object.name : "", object.catalogue_number, plural(object.n_gaussians, "{} Gaussian", "{} Gaussians")];
+  if (object.has_detail) parts.push(t("with detail"));
   if (object.kind !== "text") parts.push(object.prompt);
-  else if (object.prompt !== object.name) parts.push(`found as “${object.prompt}”`);
+  else if (object.prompt !== object.name) parts.push(t("found as “{}”", object.prompt));
   return parts.filter(Boolean).join(" · ");
 }

@@ -5,6 +5,7 @@ import { createObjectCard } from "./object_card.js";
 import { megabytes } from "../format.js";
 import { isActive } from "../jobs.js";
 import { createProgress } from "./progress.js";
+import { t } from "../language.js";
 
 export function createObjects(context, { stage, clicks }) {
   const { id } = context;
@@ -13,33 +14,33 @@ export function createObjects(context, { stage, clicks }) {
   let lastDone = null; // id of the last isolation that ended, "" before one
 
   const words = h("input", { type: "text", placeholder: "vase, teapot", autocomplete: "off", maxlength: 500, required: true, enterkeyhint: "go" });
-  const isolate = h("button", { class: "main" }, "Isolate");
-  const findAll = action("Find all", () => run({ find_all: true }));
-  const click = action("Click an object", async () => clicks.open({ photo: stage.photo() }));
-  const rest = action("Background", () => run({ background: true }));
-  rest.title = "Everything that is in no object becomes an object of its own";
-  const details = action("Add detail to all", () => run({ detail: true }));
-  details.title = "Train every object on the photos at their own resolution; the scene stays as it is";
+  const isolate = h("button", { class: "main" }, t("Isolate"));
+  const findAll = action(t("Find all"), () => run({ find_all: true }));
+  const click = action(t("Click an object"), async () => clicks.open({ photo: stage.photo() }));
+  const rest = action(t("Background"), () => run({ background: true }));
+  rest.title = t("Everything that is in no object becomes an object of its own");
+  const details = action(t("Add detail to all"), () => run({ detail: true }));
+  details.title = t("Train every object on the photos at their own resolution; the scene stays as it is");
   const form = h(
     "form",
     { class: "prompt", onsubmit: (event) => (event.preventDefault(), during(isolate, isolateWords)) },
-    h("div", { class: "row bottom" }, field("Which object?", words), isolate),
-    h("p", { class: "hint" }, "In English, many things also in German or French. Separate several objects by commas."),
+    h("div", { class: "row bottom" }, field(t("Which object?"), words), isolate),
+    h("p", { class: "hint" }, t("In English, many things also in German or French. Separate several objects by commas.")),
   );
   const progress = createProgress(context, { compact: true });
   const told = h("p", { class: "quiet", hidden: true });
   const refused = h("div", { class: "not-found", hidden: true });
-  const none = h("p", { class: "quiet" }, "No objects yet. Type a word, press Find all, or click an object in a photo.");
-  const list = h("ul", { class: "objects", "aria-label": "Objects" });
+  const none = h("p", { class: "quiet" }, t("No objects yet. Type a word, press Find all, or click an object in a photo."));
+  const list = h("ul", { class: "objects", "aria-label": t("Objects") });
   const dim = h("input", { type: "checkbox", onchange: () => stage.looks.setDim(dim.checked).catch((error) => notify(error.message)) });
-  const dimming = h("label", { class: "check", hidden: true }, dim, "Dim what is not lit");
+  const dimming = h("label", { class: "check", hidden: true }, dim, t("Dim what is not lit"));
   const learn = h("input", { type: "checkbox", onchange: () => learnWords() });
-  const learning = h("label", { class: "check" }, learn, "Learn my words");
-  learning.title = "Objects that you name, click or accept teach their words, which this and your other learning projects then find";
+  const learning = h("label", { class: "check" }, learn, t("Learn my words"));
+  learning.title = t("Objects that you name, click or accept teach their words, which this and your other learning projects then find");
   const element = h(
     "div",
     { class: "card panel" },
-    h("h2", null, "Objects"),
+    h("h2", null, t("Objects")),
     form,
     h("div", { class: "row" }, click, findAll, rest, details),
     learning,
@@ -89,7 +90,7 @@ export function createObjects(context, { stage, clicks }) {
     progress.update(isElsewhere || isToldBelow ? null : project.job, isElsewhere ? [] : project.waiting);
     // What was found again adds no card to the list.
     const isDone = project.job?.kind === "segment" && project.job.state === "finished";
-    setText(told, isDone ? project.job.message : "");
+    setText(told, isDone ? t(project.job.message) : "");
     show(told, isDone && Boolean(told.textContent));
     updateRefused(isActive(project.job) ? null : project.not_found, project.objects);
     show(none, project.objects.length === 0);
@@ -114,7 +115,7 @@ export function createObjects(context, { stage, clicks }) {
     show(dimming, project.objects.length > 0);
     lightResult(project, isDone);
     lastDone ??= "";
-    if (fresh.length > 0) announce(`New: ${fresh.map((object) => object.name).join(", ")}.`);
+    if (fresh.length > 0) announce(t("New: {}.", fresh.map((object) => object.name).join(", ")));
     names = present;
   }
 
@@ -144,39 +145,42 @@ export function createObjects(context, { stage, clicks }) {
     const candidates = answer.candidates ?? [];
     const suggested = answer.suggestions.map((text) => action(text, () => run({ prompt: text })));
     const texts = new Set(candidates.map((one) => one.text));
-    const named = texts.size === 1 ? ` It is then called ${[...texts][0]}.` : "";
+    const named = texts.size === 1 ? t("Is it one of these? It is then called {}.", [...texts][0]) : t("Is it one of these?");
     const existing = alike.map((object) => action(object.name, () => stage.point(object, true)));
     refill(
       refused,
-      h("h3", null, "Not found"),
-      ...answer.messages.map((text) => h("p", null, text)),
-      suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Words to try" }, h("span", null, "Try:"), suggested) : null,
-      existing.length > 0 ? h("div", { class: "row", role: "group", "aria-label": "Objects that exist" }, h("span", null, "Exists:"), existing) : null,
+      h("h3", null, t("Not found")),
+      ...answer.messages.map((text) => h("p", null, t(text))),
+      suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": t("Words to try") }, h("span", null, t("Try:")), suggested) : null,
+      existing.length > 0 ? h("div", { class: "row", role: "group", "aria-label": t("Objects that exist") }, h("span", null, t("Exists:")), existing) : null,
       answer.offer ? offered(answer.offer) : null,
-      candidates.length > 0 ? h("p", null, `Is it one of these?${named}`) : null,
+      candidates.length > 0 ? h("p", null, named) : null,
       h("ul", { class: "candidates" }, candidates.map((one) => candidateItem(one, known, texts.size > 1))),
-      action(candidates.length > 0 ? "None of these: click it" : "Click it in a photo", async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
+      action(t(candidates.length > 0 ? "None of these: click it" : "Click it in a photo"), async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
     );
-    announce(`Not found. ${answer.messages.join(" ")}`);
+    announce([t("Not found"), ...answer.messages.map((text) => t(text))].join(". "));
   }
 
   /** A model that knows more words: to be fetched, stored since the words were refused, or the server's owner fetches it. */
   function offered(offer) {
-    if (offer.refusal) return h("p", null, offer.refusal);
-    if (offer.stored) return action("Ask again, with the model that knows any word", () => run({ any_word: true }));
-    return action(`Know any word (${megabytes(offer.bytes)})`, () => knowAnyWord(offer));
+    if (offer.refusal) return h("p", null, t(offer.refusal));
+    if (offer.stored) return action(t("Ask again, with the model that knows any word"), () => run({ any_word: true }));
+    return action(t("Know any word ({})", megabytes(offer.bytes)), () => knowAnyWord(offer));
   }
 
   /** Fetch a model that knows more words, once for all projects, and ask for the refused words again. */
   async function knowAnyWord(offer) {
-    const told = `${offer.model}, ${megabytes(offer.bytes)}. It is fetched once for all projects; then describing a scene takes about a minute, once. It was not tested with its real weights yet. Licence: ${offer.licence}. Who may use it: ${offer.users}.`;
-    if (await confirmed("Fetch a model that knows any word?", told, "Fetch and ask again", "main")) await run({ any_word: true });
+    const told = t(
+      "{}, {}. It is fetched once for all projects; then describing a scene takes about a minute, once. It was not tested with its real weights yet. Licence: {}. Who may use it: {}.",
+      ...[offer.model, megabytes(offer.bytes), offer.licence, offer.users],
+    );
+    if (await confirmed(t("Fetch a model that knows any word?"), told, t("Fetch and ask again"), "main")) await run({ any_word: true });
   }
 
   /** A candidate that is an object already is lit and not stored again. Its text is shown where there are several. */
   function candidateItem(candidate, known, several) {
     const same = known.find((object) => object.id === candidate.object);
-    const caption = same ? `${same.name} (exists)` : several ? candidate.text : "";
+    const caption = same ? t("{} (exists)", same.name) : several ? candidate.text : "";
     const choose = () => (same ? stage.point(same, true) : run({ accept: candidate.number }));
     const button = h(
       "button",

@@ -1,6 +1,7 @@
 // A click in the viewer becomes a click in the photo that shows the place best: a dot, and what can be done with it.
 import { getPixel, startJob } from "../api.js";
 import { announce, during, h, show } from "../dom.js";
+import { t } from "../language.js";
 
 const STILL = 5; // CSS pixels that a pointer may move and still click.
 
@@ -15,14 +16,14 @@ export function createPicked(context, { openPhoto, isPickable }) {
     const made = h("button", { type: "button", onclick: () => during(made, action), ...props }, text);
     return made;
   };
-  const isolate = button("Isolate it", isolateIt);
+  const isolate = button(t("Isolate it"), isolateIt);
   const element = h(
     "div",
-    { class: "alone picked", role: "group", "aria-label": "The clicked place", hidden: true },
-    h("span", null, "Is this an object?"),
+    { class: "alone picked", role: "group", "aria-label": t("The clicked place"), hidden: true },
+    h("span", null, t("Is this an object?")),
     isolate,
-    button("Show in a photo", async () => openPhoto(taken())),
-    button("×", async () => clear(), { "aria-label": "Forget the click" }),
+    button(t("Show in a photo"), async () => openPhoto(taken())),
+    button("×", async () => clear(), { "aria-label": t("Forget the click") }),
   );
   const dot = h("span", { class: "picked-dot", "aria-hidden": "true", hidden: true });
 
@@ -35,7 +36,7 @@ export function createPicked(context, { openPhoto, isPickable }) {
   async function isolateIt() {
     await startJob(id, { kind: "segment", clicks: [click], name: "" });
     clear();
-    announce("The object is being computed.");
+    announce(t("The object is being computed."));
     await context.refresh();
   }
 
@@ -58,10 +59,10 @@ export function createPicked(context, { openPhoto, isPickable }) {
       [dot.style.left, dot.style.top] = place.map((value) => `${value}px`);
       show(dot, true);
       show(element, true);
-      announce(`Clicked a place that ${view.photo} shows. Isolate it, or show it in the photo.`);
+      announce(t("Clicked a place that {} shows. Isolate it, or show it in the photo.", view.photo));
       return;
     }
-    announce("No photo shows this place.");
+    announce(t("No photo shows this place."));
   }
 
   /** Follow the clicks on `canvas`; drags turn the camera. */

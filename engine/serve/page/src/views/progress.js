@@ -5,12 +5,13 @@ import { duration, percent, stageText } from "../format.js";
 import { createCurve } from "./curve.js";
 import { isActive } from "../jobs.js";
 import { createTellMe } from "./tell_me.js";
+import { t } from "../language.js";
 
 const PICTURE_EVERY = 2000; // Milliseconds between live pictures at least.
 
 /** `compact` leaves out the picture and the curve; jobs of objects have none. */
 export function createProgress(context, { compact = false } = {}) {
-  const { id } = context;
+  const { id, session } = context;
   let job = null;
   let said = "";
   let lastPicture = 0;
@@ -18,19 +19,19 @@ export function createProgress(context, { compact = false } = {}) {
   const heading = h(compact ? "h3" : "h2");
   const stage = h("p", { class: "stage" });
   const left = h("p", { class: "quiet" });
-  const bar = h("progress", { max: 1, "aria-label": "Progress" });
+  const bar = h("progress", { max: 1, "aria-label": t("Progress") });
   const message = h("p");
   const warnings = h("ul", { class: "warnings" });
-  const picture = h("img", { class: "preview", alt: "The scene so far", hidden: true });
+  const picture = h("img", { class: "preview", alt: t("The scene so far"), hidden: true });
   const curve = createCurve();
-  const stop = h("button", { type: "button", onclick: () => during(stop, stopThis) }, "Stop");
+  const stop = h("button", { type: "button", onclick: () => during(stop, stopThis) }, t("Stop"));
   const tellMe = createTellMe();
-  const goOn = h("button", { type: "button", class: "main", onclick: () => during(goOn, continueThis) }, "Continue");
-  const dismiss = h("button", { type: "button", onclick: () => during(dismiss, dismissThis) }, "Dismiss");
+  const goOn = h("button", { type: "button", class: "main", onclick: () => during(goOn, continueThis) }, t("Continue"));
+  const dismiss = h("button", { type: "button", onclick: () => during(dismiss, dismissThis) }, t("Dismiss"));
   const queue = h("ul", { class: "queue" });
   const element = h(
     "section",
-    { class: compact ? "job" : "card job", "aria-label": "Progress", hidden: true },
+    { class: compact ? "job" : "card job", "aria-label": t("Progress"), hidden: true },
     heading,
     bar,
     h("div", { class: "row apart" }, stage, left),
@@ -43,7 +44,7 @@ export function createProgress(context, { compact = false } = {}) {
 
   async function stopThis() {
     if (!compact) {
-      const sure = await confirmed("Stop the reconstruction?", "What is computed so far is kept. You can continue later.", "Stop");
+      const sure = await confirmed(t("Stop the reconstruction?"), t("What is computed so far is kept. You can continue later."), t("Stop"));
       if (!sure) return;
     }
     await stopJob(id, job.id);
@@ -72,7 +73,7 @@ export function createProgress(context, { compact = false } = {}) {
     show(stop, active);
     tellMe.update(active && !compact);
     show(goOn, stopped);
-    setText(goOn, job?.error ? "Try again" : "Continue");
+    setText(goOn, t(job?.error ? "Try again" : "Continue"));
     show(dismiss, stopped && compact);
     if (!active && !stopped) return;
 
@@ -80,14 +81,14 @@ export function createProgress(context, { compact = false } = {}) {
     const running = job.state === "running";
     if (running) bar.value = job.fraction ?? 0;
     show(bar, running);
-    setText(stage, running ? `${stageText(job.stage)} · ${percent(job.fraction ?? 0)}` : "");
+    setText(stage, running ? `${stageText(session.stages, job.stage)} · ${percent(job.fraction ?? 0)}` : "");
     setText(left, running ? leftText(job) : "");
-    setText(message, job.error || waitingText(job) || job.message || "");
+    setText(message, t(job.error || job.message) || waitingText(job));
     message.className = job.error ? "problem" : "";
     const texts = (job.warnings ?? []).join("\n");
     if (warnings.key !== texts) {
       warnings.key = texts;
-      refill(warnings, ...(job.warnings ?? []).map((text) => h("li", null, text)));
+      refill(warnings, ...(job.warnings ?? []).map((text) => h("li", null, t(text))));
     }
     if (!compact) {
       curve.update(job.curve ?? []);
@@ -107,8 +108,8 @@ export function createProgress(context, { compact = false } = {}) {
           await stopJob(id, each.id);
           await context.refresh();
         };
-        const button = h("button", { type: "button", class: "plain", onclick: () => during(button, remove) }, "Remove");
-        return h("li", { class: "row apart" }, h("span", null, `Next: ${each.label}`), button);
+        const button = h("button", { type: "button", class: "plain", onclick: () => during(button, remove) }, t("Remove"));
+        return h("li", { class: "row apart" }, h("span", null, t("Next: {}", t(each.label))), button);
       }),
     );
   }
@@ -130,7 +131,7 @@ export function createProgress(context, { compact = false } = {}) {
   /** Screen readers hear each stage, each quarter and the end, not every step. */
   function say() {
     const quarter = Math.floor(4 * (job.fraction ?? 0)) * 25;
-    const text = job.state === "running" ? `${stageText(job.stage)}, ${quarter} %` : headingOf(job);
+    const text = job.state === "running" ? `${stageText(session.stages, job.stage)}, ${quarter} %` : headingOf(job);
     if (text !== said) announce(text);
     said = text;
   }
@@ -139,23 +140,23 @@ export function createProgress(context, { compact = false } = {}) {
 }
 
 function headingOf(job) {
-  const name = job.label || "Work";
-  if (job.error) return `${name}: could not be finished`;
-  if (job.state === "stopped") return `${name}: stopped`;
-  if (job.state === "waiting") return `${name}: waiting`;
+  const name = job.label ? t(job.label) : t("Work");
+  if (job.error) return t("{}: could not be finished", name);
+  if (job.state === "stopped") return t("{}: stopped", name);
+  if (job.state === "waiting") return t("{}: waiting", name);
   return name;
 }
 
 /** The time left for all of the work; before there is a forecast, that of the stage. */
 function leftText(job) {
-  if (typeof job.seconds_left_in_all === "number") return `${duration(job.seconds_left_in_all)} left in all`;
-  return typeof job.seconds_left === "number" ? `${duration(job.seconds_left)} left for this step` : "";
+  if (typeof job.seconds_left_in_all === "number") return t("{} left in all", duration(job.seconds_left_in_all));
+  return typeof job.seconds_left === "number" ? t("{} left for this step", duration(job.seconds_left)) : "";
 }
 
 function endOf(job) {
-  return job.state === "finished" ? `${job.label}: finished` : headingOf(job);
+  return job.state === "finished" ? t("{}: finished", t(job.label)) : headingOf(job);
 }
 
 function waitingText(job) {
-  return job.state === "waiting" && !job.message ? "The server is busy with other work. This starts by itself." : "";
+  return job.state === "waiting" && !job.message ? t("The server is busy with other work. This starts by itself.") : "";
 }

@@ -4,11 +4,12 @@ import { deleteProject, eventsUrl, getProject, renameProject, reportUrl, sceneEx
 import { asked, confirmed, during, h, notify, put, show } from "../dom.js";
 import { listen } from "../events.js";
 import { onBack } from "../connection.js";
-import { plural } from "../format.js";
+import { decimal } from "../format.js";
 import { createPhotos } from "./photos.js";
 import { createProgress } from "./progress.js";
 import { createReconstruct } from "./reconstruct.js";
 import { createResult } from "./result.js";
+import { plural, t } from "../language.js";
 
 export async function projectScreen(root, session, id) {
   const read = await getProject(id);
@@ -45,22 +46,22 @@ export async function projectScreen(root, session, id) {
   const result = createResult(context);
 
   const title = h("h1", null, project.title);
-  const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
-  const sceneFile = ({ name, label }) => h("li", null, h("a", { class: "button", href: sceneExportUrl(id, name), download: "" }, label));
-  const scenes = h("details", { class: "downloads menu" }, h("summary", null, "Download the scene"), h("ul", { class: "row" }, session.formats.filter((one) => one.of_scenes).map(sceneFile)));
+  const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, t("Report"));
+  const sceneFile = ({ name, label }) => h("li", null, h("a", { class: "button", href: sceneExportUrl(id, name), download: "" }, t(label)));
+  const scenes = h("details", { class: "downloads menu" }, h("summary", null, t("Download the scene")), h("ul", { class: "row" }, session.formats.filter((one) => one.of_scenes).map(sceneFile)));
   const files = [report, scenes];
-  const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
-  const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
+  const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, t("Rename"));
+  const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, t("Delete project"));
   const facts = h("p", { class: "quiet facts", hidden: true });
   const health = h("p", { class: "problem" }); // what the check of the cameras found
   // With a scene, the photos are of less interest and are folded.
-  const summary = h("summary", null, "Photos and reconstruction");
+  const summary = h("summary", null, t("Photos and reconstruction"));
   const inside = h("div", { class: "stack" });
   const folded = h("details", { class: "card fold" }, summary, inside);
   const open = h("div", { class: "stack" });
 
   async function renameThis() {
-    const newTitle = await asked("Rename the project", "Name", "Rename", project.title);
+    const newTitle = await asked(t("Rename the project"), t("Name"), t("Rename"), project.title);
     if (newTitle === null) return;
     await renameProject(id, newTitle);
     await refresh();
@@ -68,9 +69,9 @@ export async function projectScreen(root, session, id) {
 
   async function removeThis() {
     const sure = await confirmed(
-      `Delete “${project.title}”?`,
-      "The photos, the scene and all objects are moved to the trash, below the list of projects.",
-      "Delete project",
+      t("Delete “{}”?", project.title),
+      t("The photos, the scene and all objects are moved to the trash, below the list of projects."),
+      t("Delete project"),
     );
     if (!sure) return;
     await deleteProject(id);
@@ -88,7 +89,7 @@ export async function projectScreen(root, session, id) {
     for (const file of files) show(file, hasScene);
     show(facts, hasScene);
     facts.textContent = hasScene ? sceneFacts(project) : "";
-    health.textContent = project.scene?.cameras ?? "";
+    health.textContent = t(project.scene?.cameras ?? "");
     const place = hasScene ? inside : open;
     if (photos.element.parentElement !== place) put(place, photos.element, reconstruct.element);
     show(folded, hasScene);
@@ -102,7 +103,7 @@ export async function projectScreen(root, session, id) {
 
   put(
     root,
-    h("p", { class: "back" }, h("a", { href: "#/" }, "← All projects")),
+    h("p", { class: "back" }, h("a", { href: "#/" }, t("← All projects"))),
     h("div", { class: "row apart" }, title, h("div", { class: "row" }, files, rename)),
     facts,
     health,
@@ -150,7 +151,10 @@ function isShown(job, isFirst) {
 }
 
 function sceneFacts(project) {
-  const parts = [plural(project.n_photos, "photo"), plural(project.scene.n_gaussians, "Gaussian")];
-  if (project.scene.psnr) parts.push(`quality ${project.scene.psnr.toFixed(1)} dB (PSNR)`);
+  const parts = [
+    plural(project.n_photos, "{} photo", "{} photos"),
+    plural(project.scene.n_gaussians, "{} Gaussian", "{} Gaussians"),
+  ];
+  if (project.scene.psnr) parts.push(t("quality {} dB (PSNR)", decimal(project.scene.psnr)));
   return parts.join(" · ");
 }

@@ -2,19 +2,20 @@
 import { createProject, listProjects, photoUrl } from "../api.js";
 import { suspect } from "../connection.js";
 import { asked, during, h, put, refill } from "../dom.js";
-import { date, plural, stateText } from "../format.js";
+import { date, stateText } from "../format.js";
 import { deletedProjects } from "./trash.js";
+import { plural, t } from "../language.js";
 
 const EVERY = 5000; // Milliseconds between two looks at the states of the projects.
 
 export async function projectsScreen(root) {
   let shown = await listProjects();
-  const button = h("button", { type: "button", class: "main", onclick: () => during(button, create) }, "New project");
+  const button = h("button", { type: "button", class: "main", onclick: () => during(button, create) }, t("New project"));
   const place = h("div", { class: "stack" });
   const trash = h("div");
   put(
     root,
-    h("div", { class: "row apart" }, h("h1", null, "Projects"), button),
+    h("div", { class: "row apart" }, h("h1", null, t("Projects")), button),
     place,
     trash,
   );
@@ -54,14 +55,14 @@ export async function projectsScreen(root) {
 }
 
 async function create() {
-  const title = await asked("New project", "Name of the object or room", "Create");
+  const title = await asked(t("New project"), t("Name of the object or room"), t("Create"));
   if (title === null) return;
   const project = await createProject(title);
   location.hash = `#/projects/${encodeURIComponent(project.id)}`;
 }
 
 function item(project) {
-  const facts = [plural(project.n_photos, "photo"), date(project.created)].filter(Boolean).join(" · ");
+  const facts = [plural(project.n_photos, "{} photo", "{} photos"), date(project.created)].filter(Boolean).join(" · ");
   return h(
     "li",
     null,
@@ -77,7 +78,7 @@ function item(project) {
 }
 
 function cover(project) {
-  const empty = () => h("span", { class: "no-picture" }, "No photos yet");
+  const empty = () => h("span", { class: "no-picture" }, t("No photos yet"));
   if (!project.cover) return empty();
   const picture = h("img", { src: photoUrl(project.id, project.cover, 320), alt: "", loading: "lazy", onerror: () => picture.replaceWith(empty()) });
   return picture;
@@ -86,13 +87,13 @@ function cover(project) {
 function welcome() {
   const step = (title, text) => h("li", { class: "card" }, h("h2", null, title), h("p", null, text));
   return [
-    h("p", { class: "lead" }, "Turn photos of museum objects into 3D. Press New project to begin."),
+    h("p", { class: "lead" }, t("Turn photos of museum objects into 3D. Press New project to begin.")),
     h(
       "ol",
       { class: "steps" },
-      step("1. Take photos", "Walk around the object and take 30 to 100 photos. Neighbouring photos overlap by two thirds."),
-      step("2. Reconstruct", "The server computes a 3D scene. You can close this page meanwhile."),
-      step("3. Isolate objects", "Type a word or click an object. Then download it for your records."),
+      step(t("1. Take photos"), t("Walk around the object and take 30 to 100 photos. Neighbouring photos overlap by two thirds.")),
+      step(t("2. Reconstruct"), t("The server computes a 3D scene. You can close this page meanwhile.")),
+      step(t("3. Isolate objects"), t("Type a word or click an object. Then download it for your records.")),
     ),
   ];
 }

@@ -4,6 +4,7 @@ import { getForecast } from "../calls.js";
 import { announce, during, h, newId, setText, show } from "../dom.js";
 import { forecastText } from "../format.js";
 import { isActive } from "../jobs.js";
+import { t } from "../language.js";
 
 const FEWEST = 3; // Fewer photos never give a scene.
 
@@ -23,16 +24,16 @@ export function createReconstruct(context, photos) {
     const input = h("input", { type: "radio", name, value: preset, checked: preset === session.default_preset });
     const time = h("span", { class: "hint time" });
     times.set(preset, time);
-    return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, description), time));
+    return h("label", { class: "choice" }, input, h("span", null, h("strong", null, t(label)), h("span", { class: "hint" }, t(description)), time));
   });
-  const masks = createOption("Mask the background", "For an object on a turntable before a background that stands still.");
-  const light = createOption(session.light.label, `${session.light.description}.`);
-  const button = h("button", { type: "button", class: "main large", onclick: () => during(button, start) }, "Reconstruct");
+  const masks = createOption(t("Mask the background"), t("For an object on a turntable before a background that stands still."));
+  const light = createOption(t(session.light.label), `${t(session.light.description)}.`);
+  const button = h("button", { type: "button", class: "main large", onclick: () => during(button, start) }, t("Reconstruct"));
   const note = h("p", { class: "hint", "aria-live": "polite" });
   const element = h(
     "section",
-    { class: "card", "aria-label": "Reconstruction" },
-    h("fieldset", { class: "choices" }, h("legend", null, "How good should it be?"), choices),
+    { class: "card", "aria-label": t("Reconstruction") },
+    h("fieldset", { class: "choices" }, h("legend", null, t("How good should it be?")), choices),
     masks.element,
     light.element,
     h("div", { class: "next" }, button, note),
@@ -45,7 +46,7 @@ export function createReconstruct(context, photos) {
   async function start() {
     const preset = element.querySelector("input[type=radio]:checked").value;
     await startJob(id, { kind: "reconstruct", preset, mask_background: masks.input.checked, light: light.input.checked });
-    announce("The reconstruction has started.");
+    announce(t("The reconstruction has started."));
     window.scrollTo({ top: 0 });
     await context.refresh();
   }
@@ -54,15 +55,15 @@ export function createReconstruct(context, photos) {
     project = news;
     const usable = project.photos.filter((photo) => photo.accepted !== false).length;
     let reason = "";
-    if (photos.busy()) reason = "Wait until all files are uploaded.";
-    else if (usable < FEWEST && !hasVideo()) reason = `Add more photos. At least ${FEWEST} are needed; 30 to 100 are best.`;
+    if (photos.busy()) reason = t("Wait until all files are uploaded.");
+    else if (usable < FEWEST && !hasVideo()) reason = t("Add more photos. At least {} are needed; 30 to 100 are best.", FEWEST);
     button.disabled = reason !== "";
-    const advice = usable < 20 && !hasVideo() ? "More photos give a better result. Best are 30 to 100." : "You can close this page meanwhile.";
+    const advice = usable < 20 && !hasVideo() ? t("More photos give a better result. Best are 30 to 100.") : t("You can close this page meanwhile.");
     setText(note, reason || advice);
     // A stopped reconstruction has its own button, Continue, which is the better next step.
     const isStopped = project.job?.kind === "reconstruct" && project.job.state === "stopped";
     const isNext = !project.scene && !isStopped;
-    setText(button, isNext ? "Reconstruct" : isStopped ? "Start again" : "Reconstruct again");
+    setText(button, t(isNext ? "Reconstruct" : isStopped ? "Start again" : "Reconstruct again"));
     button.classList.toggle("large", isNext);
     button.classList.toggle("main", isNext);
     show(element, project.photos.length > 0 && !isActive(project.job));
@@ -75,10 +76,10 @@ export function createReconstruct(context, photos) {
     if (forecastOf === photosNow || element.offsetParent === null) return;
     forecastOf = photosNow;
     const write = (of) => times.forEach((place, preset) => setText(place, of(preset)));
-    write(() => "How long it takes is being estimated…");
+    write(() => t("How long it takes is being estimated…"));
     try {
       const seconds = await getForecast(id);
-      if (forecastOf === photosNow) write((preset) => (seconds[preset] ? `Takes ${forecastText(seconds[preset])}.` : ""));
+      if (forecastOf === photosNow) write((preset) => (seconds[preset] ? forecastText(seconds[preset]) : ""));
     } catch {
       write(() => ""); // The reconstruction itself says what is wrong.
     }

@@ -4,6 +4,7 @@ import { h, notify, show } from "../dom.js";
 import { createClicks } from "./clicks.js";
 import { createObjects } from "./objects.js";
 import { createStage } from "./stage.js";
+import { t } from "../language.js";
 
 export function createResult(context) {
   let shown = ""; // state of the scene that the viewer has
@@ -15,7 +16,7 @@ export function createResult(context) {
   });
   const clicks = createClicks(context, () => cameras);
   const objects = createObjects(context, { stage, clicks });
-  const element = h("section", { class: "result", "aria-label": "Result", hidden: true }, stage.element, objects.element);
+  const element = h("section", { class: "result", "aria-label": t("Result"), hidden: true }, stage.element, objects.element);
 
   function update(project) {
     show(element, Boolean(project.scene));

@@ -4,8 +4,9 @@ import { getMembers } from "../calls.js";
 import { announce, during, h, refill, roving, setText, show } from "../dom.js";
 import { startViewer } from "../lazy_viewer.js";
 import { createObjectLooks } from "../object_looks.js";
-import { HELP, createTools } from "../tools.js";
+import { createTools, helpText } from "../tools.js";
 import { createPicked } from "./picked.js";
+import { t } from "../language.js";
 
 /**
  * `sceneShown()` is called when the whole scene is shown again by a button here, `openPhoto(click)` to show a click of
@@ -21,10 +22,11 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
   let starts = 0;
   let disposed = false;
 
-  const canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": `3D scene. ${HELP} A click on an object isolates it.` });
-  const loading = h("p", { class: "loading", role: "status" }, "Loading the scene…");
+  const help = `${helpText()} ${t("A click on an object isolates it.")}`;
+  const canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": t("3D scene. {}", help) });
+  const loading = h("p", { class: "loading", role: "status" }, t("Loading the scene…"));
   const aloneText = h("span");
-  const whole = h("button", { type: "button", onclick: () => during(whole, showScene) }, "Show the whole scene");
+  const whole = h("button", { type: "button", onclick: () => during(whole, showScene) }, t("Show the whole scene"));
   const alone = h("div", { class: "alone", hidden: true }, aloneText, whole);
   const looks = createObjectLooks(() => viewer, (object) => getMembers(id, object), looksChanged);
   const tools = createTools(canvas, {
@@ -40,14 +42,14 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
   const picked = createPicked(context, { openPhoto, isPickable: () => alone.hidden && !tools.measure.isOn() });
   const box = h("div", { class: "canvas-box" }, canvas, tools.parts, picked.dot, loading, alone, picked.element);
   const frame = h("div", { class: "frame" }, box, tools.element);
-  const strip = h("ul", { class: "strip", "aria-label": "Look from a photo's place" });
+  const strip = h("ul", { class: "strip", "aria-label": t("Look from a photo's place") });
   roving(strip, "button");
   const element = h(
     "div",
     { class: "stage" },
     frame,
-    h("details", { class: "help" }, h("summary", null, "How to move"), h("p", { class: "hint" }, `${HELP} A click on an object isolates it.`)),
-    h("h2", { class: "strip-title" }, "Look from where a photo was taken"),
+    h("details", { class: "help" }, h("summary", null, t("How to move")), h("p", { class: "hint" }, help)),
+    h("h2", { class: "strip-title" }, t("Look from where a photo was taken")),
     strip,
   );
 
@@ -58,7 +60,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     fillStrip();
     photo = "";
     show(loading, true);
-    setText(loading, "Loading the scene…");
+    setText(loading, t("Loading the scene…"));
     try {
       starting ??= startStage();
       await starting;
@@ -66,7 +68,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
       viewer.setScene(cameras.center, cameras.radius, cameras.up);
       if (views.length > 0) lookFrom(views[0]);
       else viewer.frame(cameras.center, cameras.radius, cameras.up);
-      await viewer.load(sceneUrl(id), (share) => setText(loading, `Loading the scene… ${Math.round(100 * share)} %`));
+      await viewer.load(sceneUrl(id), (share) => setText(loading, t("Loading the scene… {} %", Math.round(100 * share))));
       if (turn !== starts) return;
       looks.reset();
       show(loading, false);
@@ -108,7 +110,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     await looks.light(object.id);
     const view = viewer.lookAt(await looks.members(object.id), views);
     if (view) mark(view.photo);
-    announce(`${object.name} is lit in the scene.`);
+    announce(t("{} is lit in the scene.", object.name));
   }
 
   function fillStrip() {
@@ -117,7 +119,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
       ...views.map((view) => {
         const button = h(
           "button",
-          { type: "button", "aria-label": `Look from ${view.photo}`, "aria-pressed": "false", onclick: () => viewer && lookFrom(view) },
+          { type: "button", "aria-label": t("Look from {}", view.photo), "aria-pressed": "false", onclick: () => viewer && lookFrom(view) },
           h("img", { src: viewUrl(id, view.photo, 320), alt: "", loading: "lazy" }),
         );
         button.dataset.photo = view.photo;
@@ -143,15 +145,15 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
   async function showObject(url, name) {
     if (!viewer) return;
     picked.clear();
-    setText(loading, `Loading ${name}…`);
+    setText(loading, t("Loading {}…", name));
     show(loading, true);
     try {
       tools.measure.end();
       await viewer.showOnly(url);
       viewer.frameAlone(views);
-      setText(aloneText, `${name} alone`);
+      setText(aloneText, t("{} alone", name));
       show(alone, true);
-      announce(`${name} is shown alone.`);
+      announce(t("{} is shown alone.", name));
     } finally {
       show(loading, false);
     }
@@ -167,7 +169,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     await drawn;
     show(alone, false);
     sceneShown();
-    announce("The whole scene is shown.");
+    announce(t("The whole scene is shown."));
   }
 
   function dispose() {

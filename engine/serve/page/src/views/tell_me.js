@@ -1,14 +1,15 @@
 // A notification when a job ends, if the person wants one and the browser allows it; and the title of the tab.
 import { during, h, notify, show } from "../dom.js";
-
-const NO = "This browser shows no notifications for this page. The title of the tab says when the work has ended.";
+import { t } from "../language.js";
 
 export function createTellMe() {
   let wanted = false;
-  const button = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(button, toggle) }, "Notify me at the end");
+  const button = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(button, toggle) }, t("Notify me at the end"));
 
   async function toggle() {
-    if (!wanted && !(await isAllowed())) return notify(NO);
+    if (!wanted && !(await isAllowed())) {
+      return notify(t("This browser shows no notifications for this page. The title of the tab says when the work has ended."));
+    }
     wanted = !wanted;
     button.setAttribute("aria-pressed", String(wanted));
   }

@@ -1,7 +1,8 @@
 // What was removed and can be brought back: photos and videos of a project, and projects.
 import { emptyTrash, listDeletedProjects, restorePhoto, restoreProject } from "../api.js";
 import { announce, confirmed, during, h, refill, setText, show } from "../dom.js";
-import { megabytes, plural } from "../format.js";
+import { megabytes } from "../format.js";
+import { plural, t } from "../language.js";
 
 /** Return {element, update} for the removed photos and videos of a project; `changed` is called when one came back. */
 export function projectTrash(id, changed) {
@@ -11,7 +12,7 @@ export function projectTrash(id, changed) {
 
   function update(items) {
     show(element, items.length > 0);
-    setText(summary, `Removed: ${plural(items.length, "file")}`);
+    setText(summary, plural(items.length, "Removed: {} file", "Removed: {} files"));
     const key = items.map((item) => item.id).join("|");
     if (list.key === key) return;
     list.key = key;
@@ -20,7 +21,7 @@ export function projectTrash(id, changed) {
       items.map((item) =>
         entry(item.name, item.bytes, async () => {
           const { name } = await restorePhoto(id, item.id);
-          announce(`${name} was brought back.`);
+          announce(t("{} was brought back.", name));
           await changed();
         }),
       ),
@@ -35,10 +36,10 @@ export async function deletedProjects(changed) {
   const items = await listDeletedProjects();
   if (items.length === 0) return null;
   const bytes = items.reduce((total, item) => total + item.bytes, 0);
-  const empty = h("button", { type: "button", class: "plain", onclick: () => during(empty, emptyAll) }, "Empty the trash");
+  const empty = h("button", { type: "button", class: "plain", onclick: () => during(empty, emptyAll) }, t("Empty the trash"));
 
   async function emptyAll() {
-    const agreed = await confirmed("Empty the trash?", "Deleted projects, and photos removed in any project, are gone for good.", "Empty it");
+    const agreed = await confirmed(t("Empty the trash?"), t("Deleted projects, and photos removed in any project, are gone for good."), t("Empty it"));
     if (!agreed) return;
     await emptyTrash();
     await changed();
@@ -53,13 +54,13 @@ export async function deletedProjects(changed) {
   return h(
     "details",
     { class: "trash" },
-    h("summary", null, `Trash: ${plural(items.length, "project")}, ${megabytes(bytes)}`),
+    h("summary", null, `${plural(items.length, "Trash: {} project", "Trash: {} projects")}, ${megabytes(bytes)}`),
     h("ul", { class: "removed" }, list),
     empty,
   );
 }
 
 function entry(name, bytes, restore) {
-  const button = h("button", { type: "button", class: "plain", "aria-label": `Bring ${name} back`, onclick: () => during(button, restore) }, "Bring back");
+  const button = h("button", { type: "button", class: "plain", "aria-label": t("Bring {} back", name), onclick: () => during(button, restore) }, t("Bring back"));
   return h("li", null, `${name} (${megabytes(bytes)}) `, button);
 }

@@ -1,0 +1,53 @@
+// The language of the page. Texts are English where they are used; the tables of other languages have them by the English ones.
+const KEPT = "heritage language";
+
+let code = "en";
+let texts = {};
+
+/** Return the code of the page's language, such as "de". */
+export function language() {
+  return code;
+}
+
+/** Return an English text in the language of the page, with `values` in its places {}. */
+export function t(text, ...values) {
+  const found = texts[text] ?? text;
+  let next = 0;
+  return values.length ? found.replace(/\{\}/g, () => values[next++]) : found;
+}
+
+/** Return a number with what is counted: plural(3, "{} photo", "{} photos"). */
+export function plural(count, one, many) {
+  return t(count === 1 ? one : many, count.toLocaleString(code));
+}
+
+/** Return the code that fits this browser best: of its choice before, or of the languages of its user. */
+export function fittingLanguage(offered) {
+  const wanted = [kept(), ...navigator.languages.map((each) => each.split("-")[0])];
+  return wanted.find((each) => offered.includes(each)) ?? "en";
+}
+
+/** From now on, `t` returns the texts of a table. */
+export function speak(newCode, table) {
+  code = newCode;
+  texts = table;
+  document.documentElement.lang = code;
+}
+
+/** Show the page in another language, now and whenever this browser opens it. */
+export function switchLanguage(newCode) {
+  try {
+    localStorage.setItem(KEPT, newCode);
+  } catch {
+    return; // Storage is switched off: the languages of the browser decide.
+  }
+  location.reload();
+}
+
+function kept() {
+  try {
+    return localStorage.getItem(KEPT);
+  } catch {
+    return null;
+  }
+}
