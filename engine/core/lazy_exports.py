@@ -44,8 +44,9 @@ def lazy_exports(package: str, file: str) -> Callable[[str], Any]:
         if module not in sys.modules:
             with part("imports"):
                 importlib.import_module(module)
-        # Not kept here: a test that replaces the name in its own module must be seen.
-        return getattr(sys.modules[module], name)
+        # Another thread may be importing it, which is waited for. The name is not kept here: a test that replaces it in
+        # its own module must be seen.
+        return getattr(importlib.import_module(module), name)
 
     return get
 

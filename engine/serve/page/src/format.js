@@ -1,5 +1,5 @@
 // Numbers and times as words.
-import { language, plural, t } from "./language.js";
+import { locale, plural, t } from "./language.js";
 
 /** 75 -> "about 1 minute". Rough on purpose: estimates of the engine are. */
 export function duration(seconds) {
@@ -15,12 +15,12 @@ export function megabytes(bytes) {
 
 /** A number with one digit after the point, or the comma of the language. */
 export function decimal(value) {
-  return value.toLocaleString(language(), { minimumFractionDigits: 1, maximumFractionDigits: 1 });
+  return value.toLocaleString(locale(), { minimumFractionDigits: 1, maximumFractionDigits: 1 });
 }
 
 export function date(iso) {
   const time = new Date(iso);
-  return Number.isNaN(time.getTime()) ? "" : time.toLocaleDateString(language(), { year: "numeric", month: "long", day: "numeric" });
+  return Number.isNaN(time.getTime()) ? "" : time.toLocaleDateString(locale(), { year: "numeric", month: "long", day: "numeric" });
 }
 
 export function stateText(state) {

@@ -16,9 +16,14 @@ export function t(text, ...values) {
   return values.length ? found.replace(/\{\}/g, () => values[next++]) : found;
 }
 
+/** Return how numbers and dates are written: as in the country that the browser names, such as "de-CH". */
+export function locale() {
+  return navigator.languages.find((each) => each.split("-")[0] === code) ?? code;
+}
+
 /** Return a number with what is counted: plural(3, "{} photo", "{} photos"). */
 export function plural(count, one, many) {
-  return t(count === 1 ? one : many, count.toLocaleString(code));
+  return t(count === 1 ? one : many, count.toLocaleString(locale()));
 }
 
 /** Return the code that fits this browser best: of its choice before, or of the languages of its user. */
