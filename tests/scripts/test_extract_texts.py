@@ -1,7 +1,8 @@
-"""The texts of Blender's interface are found in the code, and every language has all of them."""
+"""The texts that users see are found in the code, and every language has all of them."""
 
 from __future__ import annotations
 
+import re
 import sys
 
 import pytest
@@ -43,6 +44,26 @@ def test_texts_are_found_with_their_kind() -> None:
         ("tooltip", "Cut the object"),
         ("tooltip", "How"),
     ]
+
+
+def test_texts_of_the_page_are_found() -> None:
+    source = """
+      // t("no text, a comment is harmless")
+      h("p", null, t("Close"), t(isNew ? "Open" : "Say “no”"), plural(n, "{} photo", "{} photos"));
+      announce(t("New: {}.", names.join(" and ")));
+    """
+    assert [text for text in extract_texts.texts_of_script(source) if "comment" not in text] == [
+        "Close", "Open", "Say “no”", "{} photo", "{} photos", "New: {}.",
+    ]  # fmt: skip
+
+
+def test_page_says_nothing_that_is_not_translated() -> None:
+    shown: set[str] = set()
+    for file in sorted(ROOT.glob(extract_texts.PAGE)):
+        code = re.sub(r"(?m)//.*$|/\*.*?\*/", "", file.read_text(encoding="utf-8"))
+        # Sentences and labels of several words begin like this; other strings are for the browser.
+        shown.update(re.findall(r'(?<=["`])[A-Z][a-z]+ [^"`]*(?=["`])', code))
+    assert shown - set(extract_texts.all_texts()) == {"The renderer's shader ${name} has changed."}
 
 
 @pytest.mark.parametrize("language", sorted(extract_texts.LANGUAGES))

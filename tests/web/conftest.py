@@ -98,9 +98,11 @@ def open_page(browser: Browser, address: str, requests_elsewhere: list[str]) -> 
     problems: list[str] = []
     contexts: list[Any] = []
 
-    def make(size: str = "desktop", path: str = "", refused: int = 0) -> Page:
+    def make(size: str = "desktop", path: str = "", refused: int = 0, locale: str = "en-GB") -> Page:
         width, height = PLACES[size]
-        context = browser.new_context(viewport={"width": width, "height": height}, has_touch=size == "phone")
+        context = browser.new_context(
+            viewport={"width": width, "height": height}, has_touch=size == "phone", locale=locale
+        )
         contexts.append(context)
         page = context.new_page()
         allowed = f"Failed to load resource: the server responded with a status of {refused} "

@@ -23,6 +23,7 @@ from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, make_scene
 
 from .conftest import PLACES
+from .test_language import english
 from .test_page import AXE, engine_picture, read_picture
 
 TITLE = "Ölkanne <script>alert(1)</script>"
@@ -56,10 +57,10 @@ def open_file(browser: Browser) -> Iterator[Callable[..., Page]]:
     problems: list[str] = []
     contexts = []
 
-    def make(file: Path, size: str = "desktop") -> Page:
+    def make(file: Path, size: str = "desktop", locale: str = "en-GB") -> Page:
         width, height = PLACES[size]
         context = browser.new_context(
-            viewport={"width": width, "height": height}, has_touch=size == "phone", offline=True
+            viewport={"width": width, "height": height}, has_touch=size == "phone", offline=True, locale=locale
         )
         contexts.append(context)
         page = context.new_page()
@@ -77,6 +78,15 @@ def open_file(browser: Browser) -> Iterator[Callable[..., Page]]:
     for context in contexts:
         context.close()
     assert problems == []
+
+
+@pytest.mark.web
+def test_page_is_in_the_language_of_its_reader(open_file: Callable[..., Page], pages: dict[str, Path]) -> None:
+    page = open_file(pages["scene"], locale="de-CH")
+    expect(page.locator("html")).to_have_attribute("lang", "de")
+    expect(page.get_by_role("heading", name="Wie es entstand")).to_be_visible()
+    expect(page.get_by_role("button", name="Bild speichern")).to_be_visible()
+    assert english(page) == set()
 
 
 def saved_picture(page: Page, file: Path) -> np.ndarray:
