@@ -141,7 +141,10 @@ def make_environments(torch: str) -> None:
                 f"system's packages (Debian: python{wanted}-venv) and run `make setup` again."
             )
         elif not python_of(environment.name).exists():
-            print(f"{environment.name}: skipped, because no CPython {wanted} was found; its tests will not run.")
+            print(
+                f"{environment.name}: skipped, because no CPython {wanted} was found. That is fine: only the tests in this "
+                "Blender need it."
+            )
     if not pythons:
         print("The environments are ready.", flush=True)
         return
