@@ -143,7 +143,8 @@ def make_environments(torch: str) -> None:
         elif not python_of(environment.name).exists():
             print(
                 f"{environment.name}: skipped, because no CPython {wanted} was found. That is fine: only the tests in this "
-                "Blender need it."
+                "Blender need it.",
+                flush=True,
             )
     if not pythons:
         print("The environments are ready.", flush=True)
