@@ -155,7 +155,7 @@ def remember_candidates(
         if not mask.any():
             # A mask of a few pixels in the view's frame may vanish at the size of the photo.
             mask[len(mask) // 2, mask.shape[1] // 2] = True
-        write_png(project / picture, cut_out(photos.pixels(view.camera), mask))
+        write_png(project / picture, cut_out(photos.picture(view), mask))
         sets = ("members", "undecided", "mask")
         arrays: dict[str, Any] = {name: np.packbits(getattr(candidate, name), axis=-1) for name in sets}
         arrays["width"] = np.int64(candidate.mask.shape[1])

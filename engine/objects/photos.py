@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..core.arrays import Mask, Pixels
+from ..core.errors import PhotoError
 from ..scene import Camera
 from .prompts import Place
 from .settings import SegmentSettings
 
 if TYPE_CHECKING:
     from ..masks import Embedding, EmbeddingFolder, SegmentAnything
+    from .views import View
 
 SamFactory = Callable[[], "SegmentAnything"]
 
@@ -64,6 +66,16 @@ class Photos:
     def pixels(self, camera: Camera) -> Pixels:
         """Return the photo, uint8 [H, W, 3], read-only."""
         return self._pixels(camera.photo)
+
+    def picture(self, view: View) -> Pixels:
+        """Return the photo of a view to be looked at, uint8 [H, W, 3]; the scene as seen there if it cannot be read."""
+        try:
+            return self.pixels(view.camera)
+        except PhotoError:
+            from ..pictures import render_view  # accepting a picture renders nothing
+
+            picture: Pixels = render_view(view.scene.gaussians, view.camera, backend=view.scene.backend)
+            return picture
 
     def scale(self, camera: Camera) -> float:
         """Return the size of `pixels` relative to the photo at full size."""

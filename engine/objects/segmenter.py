@@ -467,7 +467,7 @@ class Segmenter:
                 pictures["seed.png"] = encode_png(mask)
                 if "text" in asked and item.score < SURE_SCORE:
                     # A name that may be wrong is shown beside what it names.
-                    pictures[PICTURE_FILE] = encode_png(cut_out(context.photos.pixels(best.view.camera), mask))
+                    pictures[PICTURE_FILE] = encode_png(cut_out(context.photos.picture(best.view), mask))
             levels = item.levels.memberships
             save_object(self.project.path, record, item.membership, levels=levels, pictures=pictures)
             records.append(record)

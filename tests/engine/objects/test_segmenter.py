@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -564,3 +565,18 @@ def test_object_with_an_unsure_name_has_a_picture_of_it(
         picture = project.path / "objects" / record.id / "picture.png"
         assert picture.exists() == (record.score < sure) == (name == "unsure"), record.score
         delete_object(project, record.id, why="test")
+
+
+def test_words_are_answered_from_what_is_stored_where_the_photos_are_gone(
+    blobs: BlobScene, project: ProjectFolder
+) -> None:
+    with_photos = refuse(blobs, project)
+    shutil.rmtree(project.path.parent / "photos")
+    without = refuse(blobs, project)
+    for entry, other in zip(with_photos, without, strict=True):
+        assert (entry["photo"], entry["box"], entry["score"]) == (other["photo"], other["box"], other["score"])
+        with Image.open(project.path / other["picture"]) as picture:
+            red, _, blue = np.asarray(picture, np.float64).reshape(-1, 3).max(axis=0)
+        assert max(red, blue) > 100, "the scene is shown in place of the photo"
+    (record,) = segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], None)[0]
+    assert overlap(members(project, record.id), blobs.part == BLUE) > 0.95
