@@ -142,8 +142,8 @@ def make_environments(torch: str) -> None:
             )
         elif not python_of(environment.name).exists():
             print(
-                f"{environment.name}: skipped, because no CPython {wanted} was found. That is fine: only the tests in this "
-                "Blender need it.",
+                f"{environment.name}: skipped, because no CPython {wanted} was found. That is fine: only the tests in "
+                "this Blender need it.",
                 flush=True,
             )
     if not pythons:
