@@ -133,11 +133,15 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     """
     context.check_stop()
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
-    removed = _union(context, evidence, _ALONE, excluded=True)
-    solved = np.minimum(_union(context, evidence, _FACTORS, excluded=False), 1 - removed)
-    levels = _nested(context, solved, shown)
+    most = 1 - _union(context, evidence, _ALONE, excluded=True)[0]
+    solved = np.minimum(_union(context, evidence, _FACTORS, excluded=False), most)
+    # Where members are known, they were chosen among sets of all sizes: no mask tells how large the object is.
+    masks = [] if any(item.members is not None for item in shown) else shown
+    levels = _nested(context, solved, masks)
     if levels is None:
         raise PromptError(NONE_BEHIND if len(shown) == len(evidence) else NONE_LEFT)
+    # What was excluded is no foot either.
+    levels = replace(levels, memberships=tuple(np.minimum(one, most) for one in levels.memberships))
     found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
     return replace(found, fit=fit_of(shown[0], found.members, context.views))
 
@@ -196,49 +200,53 @@ def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence
             yield _nested(context, solved)
 
 
-def _nested(context: SegmentationContext, solved: Float32, shown: Sequence[MaskEvidence] = ()) -> Levels | None:
-    """Return memberships by `_FACTORS`, [7, N], as levels; None where nothing belongs to the object.
+def _nested(context: SegmentationContext, solved: Float32, masks: Sequence[MaskEvidence] = ()) -> Levels | None:
+    """Return memberships by `_FACTORS`, [7, N], as levels of the object as it stands; None where nothing belongs to it.
 
-    `shown` are the masks that the object has to fit; without any, it is the usual level, as it stands.
+    `masks` are those that the object has to fit; without any, it is the usual level.
     """
     # Rounding must not let a level leave the next one.
     levels = np.maximum.accumulate([bounded(one, context.means) for one in solved])
     if not (levels[_USUAL] >= DEFAULT_THRESHOLD).any():
         return None
-    if not shown:
-        levels = _standing(context, levels)
-    return _distinct(levels, context.views, _fitting(context, levels >= DEFAULT_THRESHOLD, shown))
+    chosen = _fitting(context, levels >= DEFAULT_THRESHOLD, masks)
+    return _distinct(_standing(context, levels, chosen, masks), context.views, chosen)
 
 
-def _standing(context: SegmentationContext, levels: Float32) -> Float32:
-    """Return levels, [7, N], of which the usual one is the object as it stands (`standing`).
+def _standing(context: SegmentationContext, levels: Float32, chosen: int, masks: Sequence[MaskEvidence]) -> Float32:
+    """Return levels, [7, N], of which the chosen one is the object as it stands, unless the masks show otherwise.
 
     Its foot belongs to this level and all larger ones, and what carries it only to larger ones.
     """
-    usual = levels[_USUAL] >= DEFAULT_THRESHOLD
-    whole = standing(usual, context.surfaces, context.means)
-    foot, carrier = whole & ~usual, usual & ~whole
+    members = levels[chosen] >= DEFAULT_THRESHOLD
+    whole = standing(members, context.surfaces, context.means)
+    if masks:
+        before, after = _fits(context, np.stack([members, whole]), masks)
+        if after < before - _LEVEL_COST:
+            return levels
+    foot, carrier = whole & ~members, members & ~whole
     changed = levels.copy()
-    changed[: _USUAL + 1, carrier] *= DEFAULT_THRESHOLD
-    changed[_USUAL:, foot] = 1 - (1 - changed[_USUAL:, foot]) * DEFAULT_THRESHOLD
+    changed[: chosen + 1, carrier] *= DEFAULT_THRESHOLD
+    changed[chosen:, foot] = 1 - (1 - changed[chosen:, foot]) * DEFAULT_THRESHOLD
     return changed
 
 
-def _fitting(context: SegmentationContext, members: Mask, shown: Sequence[MaskEvidence]) -> int:
-    """Return which of the nested sets [7, N] fits the masks best, and what the segments of the photos say.
-
-    Where members are known, they were chosen among sets of all sizes: the usual level stays.
-    """
-    if not shown or any(item.members is not None for item in shown):
+def _fitting(context: SegmentationContext, members: Mask, masks: Sequence[MaskEvidence]) -> int:
+    """Return which of the nested sets [7, N] fits the masks best, and what the segments of the photos say."""
+    if not masks:
         return _USUAL
-    views = context.views
-    fits: Float64 = np.mean(
-        [[mask_iou(mask, item.mask) for mask in views.visible_masks(item.view, members)] for item in shown], axis=0
-    )
     agreement = context.graph.outline_agreement(csr_matrix(members, dtype=np.float32))
-    cost = _LEVEL_COST * np.abs(np.arange(len(members)) - _USUAL)
+    scores = _fits(context, members, masks) + _AGREEMENT_WEIGHT * agreement
+    scores -= _LEVEL_COST * np.abs(np.arange(len(members)) - _USUAL)
+    views = context.views
     possible = [number for number in range(len(members)) if number == _USUAL or views.extent(members[number]) <= 1]
-    return max(possible, key=lambda number: float((fits + _AGREEMENT_WEIGHT * agreement - cost)[number]))
+    return max(possible, key=lambda number: float(scores[number]))
+
+
+def _fits(context: SegmentationContext, members: Mask, masks: Sequence[MaskEvidence]) -> Float64:
+    """Return the IoU of K sets, [K, N], with masks in the views of these: the mean over the masks, [K]."""
+    shown = [(item, context.views.visible_masks(item.view, members)) for item in masks]
+    return np.asarray(np.mean([[mask_iou(one, item.mask) for one in each] for item, each in shown], axis=0), np.float64)
 
 
 def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:

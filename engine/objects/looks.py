@@ -26,7 +26,6 @@ from .context import SegmentationContext
 from .graph import LARGE
 from .grounding import Detector
 from .proposals import find_proposals
-from .support import standing
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
@@ -228,8 +227,8 @@ class Looks:
         return context.detector.fitting_word(rows, text) if rows.size else ""
 
     def evidence(self, number: int, score: float, context: SegmentationContext) -> MaskEvidence:
-        """Return what stands of a proposal as evidence with this score, in the photo that shows it largest."""
-        members, views = standing(self.members[number], context.surfaces, context.means), context.views
+        """Return a proposal as evidence with this score, in the photo that shows it largest."""
+        members, views = self.members[number], context.views
         sizes = np.where(self.proposal == self.like[number], np.prod(self.box[:, 1] - self.box[:, 0], axis=1), 0)
         view = views.of(views.cameras.by_photo[self.photo[int(sizes.argmax())]])
         return MaskEvidence(view, next(views.visible_masks(view, members[None])), score, members=members)

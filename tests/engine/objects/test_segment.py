@@ -273,6 +273,23 @@ def test_object_of_a_mask_is_the_level_that_fits_the_mask(blobs: BlobScene, stri
     assert found.levels.memberships[found.levels.chosen] is found.membership
 
 
+@pytest.mark.parametrize("is_shown", [False, True])
+def test_what_carries_an_object_is_left_out_unless_its_mask_shows_it(
+    blobs: BlobScene, monkeypatch: pytest.MonkeyPatch, is_shown: bool
+) -> None:
+    views = Views(Scene(blobs.gaussians), blobs.cameras, render_side=160)
+    photos = Photos(Path(), SMALL_BETTER, not_needed)  # type: ignore[arg-type]
+    context = SegmentationContext(views, photos, blobs.labels, SMALL_BETTER, not_needed)  # type: ignore[arg-type]
+    view = views.of(blobs.cameras.cameras[4])
+    mask = view.from_photo(blobs.labels["view_4.png"] == BLUE)
+    shown = views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0] > 0
+    carrier = (blobs.part == BLUE) & (shown == is_shown)
+    monkeypatch.setattr("engine.objects.lifting.standing", lambda members, *_: members & ~carrier)
+    found = isolate_object(context, [MaskEvidence(view, mask, 1.0)])
+    assert found.members[carrier].mean() > 0.9 if is_shown else not found.members[carrier].any()
+    assert found.members[(blobs.part == BLUE) & ~carrier].mean() > 0.9
+
+
 def test_membership_is_in_0_to_1_and_tightens_monotonically(find, blobs: BlobScene) -> None:
     x, y = blobs.center_of(BLUE, "view_1.png")
     for settings in (SMALL, SMALL_BETTER):
