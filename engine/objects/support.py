@@ -12,10 +12,7 @@ from ..core.arrays import Float32, Float64, Int64, Mask
 from ..scene import Gaussians, rotations_from_quats
 
 _UPRIGHT = 0.85  # chosen on room_1, room_5
-"""Least cosine between the normal of a horizontal Gaussian and the vertical: up to 32 degrees."""
-
-_FLATNESS = 0.5  # chosen on room_1, room_5
-"""Largest ratio of the shortest axis of a flat Gaussian and its middle one."""
+"""Least cosine between the shortest axis of a horizontal Gaussian and the vertical: up to 32 degrees."""
 
 _RADIUS = 1.5
 """Standard deviations up to which a Gaussian is a surface."""
@@ -28,14 +25,8 @@ _SPOTS = np.vstack([
 ])  # fmt: skip
 """Spots of a Gaussian, in standard deviations along its two longer axes: one may be larger than what stands on it."""
 
-_OUTERMOST = 0.02  # chosen on room_1, room_5
-"""Share of the members that lie above the height of a set, and below its bottom."""
-
 _STEPS = 40  # chosen on room_1, room_5
 """Steps in the height of a set. A surface is three of them thick."""
-
-_BELOW, _ABOVE = 0.3, 0.8  # chosen on room_1, room_5
-"""Heights of a set below and above its bottom between which surfaces are searched for."""
 
 _CELLS, _PLAN_RADII = 120, 4.4
 """Cells along a side of the ground plan, and this side in radii of the set, which hold 95 % of it."""
@@ -44,28 +35,16 @@ _RADIUS_SHARE = 0.95
 _RING = (0.05, 0.35)  # chosen on room_1, room_5
 """Distances from the ground plan of what stands on a surface, in its radii, between which the surface is looked for."""
 
-_SECTORS, _LEAST_SECTORS, _SECTOR_COVER = 12, 4, 0.15  # chosen on room_1, room_5, room_7
-"""Sectors of the ring, how many of them a surface covers, and which share of each, at least."""
-
-_LEAST_COVER, _FOREIGN_COVER = 0.15, 0.08  # chosen on room_1, room_5, room_7
-"""Least shares of the ring that a surface covers, and Gaussians beside the set do: a foot is no surface below."""
-
-_THICK = 0.3  # chosen on room_1, room_5, room_7
-"""Height of a set below a surface from which on the surface may be part of the set: it is what carries the object."""
-
 _LEAST_STANDING = 0.5  # chosen on room_1, room_5, room_7
 """Least share of the set that stands on the surface: less stands on the shoulder of a bottle."""
 
-_CLEAR_COVER = 0.4  # chosen on room_1, room_3, room_5, room_7, room_8
+_CLEAR_COVER = 0.25  # chosen on room_1, room_3, room_5, room_7
 """Share of the ring that a surface covers from which on a missing foot is added down to it."""
-
-_FOOT, _OVERLAP = 0.35, 0.1  # chosen on room_1, room_3, room_5, room_7, room_8
-"""Heights of the set from the surface to its bottom that a foot has at most, and above its bottom that it reaches."""
 
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Spots of the flat, horizontal Gaussians of a scene.
+    """Spots of the horizontal Gaussians of a scene.
 
     Attributes
     ----------
@@ -73,13 +52,10 @@ class Surfaces:
         World units; Z is up.
     areas : array of shape [S], float64
         That each spot stands for, by the opacity of its Gaussian.
-    owners : array of shape [S], int64
-        The Gaussian of each spot.
     """
 
     spots: Float64
     areas: Float64
-    owners: Int64
 
 
 class _Support(NamedTuple):
@@ -102,13 +78,12 @@ def horizontal_surfaces(gaussians: Gaussians) -> Surfaces:
     """Return the horizontal surfaces of a scene."""
     axes, scales = rotations_from_quats(gaussians.quats), gaussians.scales.astype(np.float64)
     order, each = np.argsort(scales, axis=1), np.arange(len(scales))
-    short, middle, long = (scales[each, order[:, rank]] for rank in range(3))
-    normal, second, third = (axes[each, :, order[:, rank]] for rank in range(3))
-    flat = np.flatnonzero((np.abs(normal[:, 2]) > _UPRIGHT) & (short < _FLATNESS * middle))
-    along = np.stack([second[flat] * middle[flat, None], third[flat] * long[flat, None]])
-    spots = gaussians.means[flat, None] + np.einsum("sk,knd->nsd", _SPOTS, along)
-    areas = gaussians.opacities[flat] * np.pi * _RADIUS**2 * middle[flat] * long[flat] / len(_SPOTS)
-    return Surfaces(spots.reshape(-1, 3), np.repeat(areas, len(_SPOTS)), np.repeat(flat, len(_SPOTS)))
+    level = np.flatnonzero(np.abs(axes[each, 2, order[:, 0]]) > _UPRIGHT)
+    middle, long = (scales[level, order[level, rank], None] for rank in (1, 2))
+    second, third = (axes[level, :, order[level, rank]] for rank in (1, 2))
+    spots = gaussians.means[level, None] + np.einsum("sk,knd->nsd", _SPOTS, np.stack([second * middle, third * long]))
+    areas = gaussians.opacities[level] * np.pi * _RADIUS**2 * (middle * long).ravel() / len(_SPOTS)
+    return Surfaces(spots.reshape(-1, 3), np.repeat(areas, len(_SPOTS)))
 
 
 def standing(members: Mask, surfaces: Surfaces, means: Float32) -> Mask:
@@ -141,19 +116,15 @@ class _Plan:
     def __init__(self, members: Mask, surfaces: Surfaces, means: Float32) -> None:
         self.members, self.means, self.heights = members, means, means[:, 2]
         own = means[members].astype(np.float64)
-        self.bottom, top = np.quantile(own[:, 2], (_OUTERMOST, 1 - _OUTERMOST))
+        self.bottom, top = own[:, 2].min(), own[:, 2].max()
         self.middle = np.median(own[:, :2], axis=0)
         radius = float(np.quantile(np.hypot(*(own[:, :2] - self.middle).T), _RADIUS_SHARE))
         self.tall = float(max(top - self.bottom, radius / 2)) or 1.0
         self.step = self.tall / _STEPS
         self.cell = _PLAN_RADII * radius / _CELLS or self.step
-        x, y, z = surfaces.spots.T
-        near = (z > self.bottom - 2 * _BELOW * self.tall) & (z < top)
-        near &= (np.abs(x - self.middle[0]) < _PLAN_RADII / 2 * radius) & (
-            np.abs(y - self.middle[1]) < _PLAN_RADII / 2 * radius
-        )
+        beside, z = np.abs(surfaces.spots[:, :2] - self.middle), surfaces.spots[:, 2]
+        near = (beside < _PLAN_RADII / 2 * radius).all(axis=1) & (z > self.bottom - 2 * self.tall) & (z < top)
         self.spots, self.areas = surfaces.spots[near], surfaces.areas[near]
-        self.foreign = ~members[surfaces.owners[near]]
         self.cell_of_spot, self.cell_of = self._cells(self.spots), self._cells(means)
 
     def _cells(self, points: Float64 | Float32) -> Int64:
@@ -177,40 +148,32 @@ class _Plan:
         return _Outline(share, middle, radius, distance.ravel() * self.cell)
 
     def support(self) -> _Support | None:
-        """Return the surface that the set stands on: of all heights, where it covers most, times what stands on it."""
+        """Return the surface that the set stands on: of all heights, where it covers most, times what stands on it.
+
+        It is looked for as far below the set as the set is tall.
+        """
         found: list[tuple[float, _Support]] = []
-        for height in np.arange(self.bottom - _BELOW * self.tall, self.bottom + _ABOVE * self.tall, self.step):
+        for height in np.arange(self.bottom - self.tall, self.bottom + self.tall, self.step):
             outline = self._above(height + self.step)
             if outline is None:
                 break
             surface = self._surface(float(height), outline)
-            if surface is not None:
-                found.append((surface.cover * outline.share, surface))
-        return max(found)[1] if found else None
+            found.append((surface.cover * outline.share, surface))
+        best, surface = max(found, default=(0.0, None))
+        return surface if best > 0 else None
 
-    def _surface(self, height: float, outline: _Outline) -> _Support | None:
-        """Return the surface around an outline at a height, if it covers enough of the ring."""
+    def _surface(self, height: float, outline: _Outline) -> _Support:
+        """Return the surface around an outline at a height, which may cover nothing."""
         low, high = (one * outline.radius + self.cell for one in _RING)
         ring = (outline.distance > low) & (outline.distance < high)
-        rows, columns = np.divmod(np.flatnonzero(ring), _CELLS)
-        center = (outline.middle - self.middle) / self.cell + _CELLS / 2
-        angles = np.arctan2(columns - center[1], rows - center[0]) + np.pi
-        sector = (angles / (2 * np.pi) * _SECTORS).astype(int) % _SECTORS
-        cells = np.maximum(np.bincount(sector, minlength=_SECTORS), 1)
-
-        def covered(spots: Mask) -> Float64:
-            areas = np.bincount(self.cell_of_spot[spots], self.areas[spots], _CELLS * _CELLS) / self.cell**2
-            return np.minimum(np.bincount(sector, areas[ring], _SECTORS) / cells, 1)
-
-        at = np.abs(self.spots[:, 2] - height) < 1.5 * self.step
-        by_sector = covered(at)
-        cover = float(by_sector.mean())
-        if cover < _LEAST_COVER or (by_sector > _SECTOR_COVER).sum() < _LEAST_SECTORS:
-            return None
-        around = ring[self.cell_of_spot] & (np.abs(self.spots[:, 2] - height) < 3 * self.step)
+        inside, apart = ring[self.cell_of_spot], np.abs(self.spots[:, 2] - height)
+        at = inside & (apart < 1.5 * self.step)
+        areas = np.bincount(self.cell_of_spot[at], self.areas[at], _CELLS * _CELLS) / self.cell**2
+        if not at.any():
+            return _Support(height, 0.0)
+        around = inside & (apart < 3 * self.step)
         exact = float(np.average(self.spots[around, 2], weights=self.areas[around]))
-        is_thick = exact - self.bottom > _THICK * self.tall
-        return _Support(exact, cover) if is_thick or covered(at & self.foreign).mean() >= _FOREIGN_COVER else None
+        return _Support(exact, float(np.minimum(areas[ring], 1).mean()))
 
     def standing(self, support: _Support) -> Mask:
         """Return what of the set stands on a surface, with its foot."""
@@ -222,6 +185,6 @@ class _Plan:
         inside &= np.hypot(*(self.means[:, :2] - outline.middle).T) < 2 * outline.radius
         clear = z > height + self.step
         found = self.members & (z > height - self.step) & (clear | inside)
-        if support.cover >= _CLEAR_COVER and self.bottom - height <= _FOOT * self.tall:
-            found |= clear & inside & (z < max(self.bottom, height) + _OVERLAP * self.tall)
+        if support.cover >= _CLEAR_COVER:
+            found |= clear & inside & (z < self.bottom)
         return np.asarray(found)
