@@ -17,12 +17,11 @@ from ...core.arrays import Float32, Int64, Mask, Pixels, normalized
 from ...core.words import MADE_CLASSES, word_list
 from .crop_describer import CropDescriber, as_boxes
 from .crops import Background, Box, cut_out
-from .detector import Detection, PromptCheck
+from .detector import PromptCheck
 from .image_text import ImageTextEncoder
 from .kept_vectors import kept_vectors
 from .offline_vocabulary import OfflineVocabulary
 from .vocabulary import required_text
-from .windows import square_windows
 
 _BACKGROUNDS: tuple[Background, ...] = ("white", "blurred")
 """Treatments of the surroundings of a crop; each is described on its own."""
@@ -61,7 +60,7 @@ class AnyWord(CropDescriber):
         See `Detector.describe_crops`.
         """
         whole = self._classifier.whole_odds(self._classifier.describe_crops(pixels, boxes, masks))
-        return np.hstack([self._vectors(pixels, as_boxes(boxes), masks), whole[:, None]])
+        return np.hstack([self.describe_segments(pixels, as_boxes(boxes), masks), whole[:, None]])
 
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
         """Return the probability of the prompt among the words of the vocabulary; see `Detector.score_descriptions`.
@@ -105,28 +104,8 @@ class AnyWord(CropDescriber):
         """Return the last column of the descriptions; see `Detector.whole_odds`."""
         return described[:, -1]
 
-    def describe_boxes(self, pixels: Pixels, boxes: Sequence[Box]) -> Float32:
-        """Return the vector of what each box shows, [n, D]."""
-        if not boxes:
-            return np.zeros((0, 1), np.float32)
-        return self._encoder.of_pictures([cut_out(pixels, box, None, "white").squared() for box in boxes])
-
     def describe_segments(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:
         """Return the vectors of `describe_crops`, [n, 2 D]."""
-        return self._vectors(pixels, boxes, masks)
-
-    def detect_in_windows(self, pixels: Pixels, prompt: str) -> list[Detection]:
-        """Return the squares of several sizes with their scores."""
-        boxes = square_windows(*pixels.shape[:2])
-        scores = self.score_crops(pixels, boxes, prompt)
-        return [Detection(box, score, prompt.strip()) for box, score in zip(boxes, scores, strict=True)]
-
-    def word_for(self, row: Float32, prompt: str) -> str:
-        """Return the prompt."""
-        return prompt.strip()
-
-    def _vectors(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:
-        """Return the vectors of each crop side by side, [n, 2 D]."""
         if not boxes:
             return np.zeros((0, 1), np.float32)
         crops = [
@@ -135,6 +114,10 @@ class AnyWord(CropDescriber):
             for background in _BACKGROUNDS
         ]
         return self._encoder.of_pictures(crops).reshape(len(boxes), -1)
+
+    def word_for(self, row: Float32, prompt: str) -> str:
+        """Return the prompt."""
+        return prompt.strip()
 
     @cached_property
     def _vocabulary(self) -> Float32:

@@ -1,4 +1,4 @@
-"""Base of detectors that describe crops: segments and boxes are described, and the descriptions scored."""
+"""Base of detectors that describe crops: segments are described, and the descriptions scored."""
 
 from __future__ import annotations
 
@@ -28,53 +28,30 @@ all the same, which is then nothing that all scenes have in common."""
 
 
 class CropDescriber(Detector, ABC):
-    """A detector that describes crops: `Detector.detect` and `Detector.score_crops` by its descriptions."""
+    """A detector that describes crops: `Detector.detect` by its descriptions."""
 
     least_score = 0.0
     """Detections with a lower score are discarded."""
 
     def detect(self, pixels: Pixels, prompt: str, *, labels: Int32 | None = None) -> list[Detection]:
-        """Return the detections, best first; see `Detector.detect`.
-
-        Without `labels`, windows of several sizes are scored: boxes are then as coarse as these.
-        """
+        """Return the detections among the segments of a photo, best first; see `Detector.detect`."""
         if labels is None:
-            found = self.detect_in_windows(pixels, prompt)
-        else:
-            if labels.shape != pixels.shape[:2]:
-                labels = cv2.resize(labels, pixels.shape[1::-1], interpolation=cv2.INTER_NEAREST)
-            numbers, areas = np.unique(labels, return_counts=True)
-            share = areas / labels.size
-            suitable = (numbers > 0) & (share >= _MIN_SEGMENT_FRACTION) & (share <= _MAX_SEGMENT_FRACTION)
-            masks = [labels == number for number in numbers[suitable]]
-            boxes = [as_box(mask_box(mask)) for mask in masks]
-            rows = self.describe_segments(pixels, boxes, masks)
-            found = [
-                Detection(box, score, self.word_for(row, prompt), int(number))
-                for box, score, row, number in zip(
-                    boxes, self.score_descriptions(rows, prompt), rows, numbers[suitable], strict=True
-                )
-            ]
+            return []
+        if labels.shape != pixels.shape[:2]:
+            labels = cv2.resize(labels, pixels.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        numbers, areas = np.unique(labels, return_counts=True)
+        share = areas / labels.size
+        suitable = (numbers > 0) & (share >= _MIN_SEGMENT_FRACTION) & (share <= _MAX_SEGMENT_FRACTION)
+        masks = [labels == number for number in numbers[suitable]]
+        boxes = [as_box(mask_box(mask)) for mask in masks]
+        rows = self.describe_segments(pixels, boxes, masks)
+        found = [
+            Detection(box, score, self.word_for(row, prompt), int(number))
+            for box, score, row, number in zip(
+                boxes, self.score_descriptions(rows, prompt), rows, numbers[suitable], strict=True
+            )
+        ]
         return sorted((one for one in found if one.score >= self.least_score), key=lambda one: -one.score)
-
-    def score_crops(
-        self,
-        pixels: Pixels,
-        boxes: ArrayLike,
-        prompt: str,
-        *,
-        masks: Sequence[Mask] | None = None,
-    ) -> list[float]:
-        """Return how well each box, or each mask if given, matches `prompt`; see `Detector.score_crops`.
-
-        The score of a mask is the mean of its crops with different surroundings.
-        """
-        corners = as_boxes(boxes)
-        if masks is not None and len(masks) != len(corners):
-            raise ValueError(f"{len(corners)} boxes and {len(masks)} masks")
-        if masks is None:
-            return self.score_descriptions(self.describe_boxes(pixels, corners), prompt)
-        return self.score_descriptions(self.describe_crops(pixels, corners, masks), prompt)
 
     def score_examples(self, described: Float32, means: Float32) -> Float32:
         """Return how much each row looks like the examples of each word, [n, W]; see `Detector.score_examples`.
@@ -107,19 +84,11 @@ class CropDescriber(Detector, ABC):
 
     @abstractmethod
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
-        """See `Detector.score_descriptions`; rows may also be those of the other methods here."""
-
-    @abstractmethod
-    def describe_boxes(self, pixels: Pixels, boxes: Sequence[Box]) -> Float32:
-        """Return a description of what each box shows, with its surroundings, [n, d]."""
+        """See `Detector.score_descriptions`; rows may also be those of `describe_segments`."""
 
     @abstractmethod
     def describe_segments(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:
         """Return a description of each segment of a photo, [n, d], which may be less than `describe_crops` tells."""
-
-    @abstractmethod
-    def detect_in_windows(self, pixels: Pixels, prompt: str) -> list[Detection]:
-        """Return the detections in a photo without segments."""
 
     @abstractmethod
     def word_for(self, row: Float32, prompt: str) -> str:

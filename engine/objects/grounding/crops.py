@@ -53,7 +53,7 @@ class Cut:
         return square
 
 
-def cut_out(pixels: Pixels, box: Box, mask: Mask | None, background: Background) -> Cut:
+def cut_out(pixels: Pixels, box: Box, mask: Mask, background: Background) -> Cut:
     """Return the square around a box, with a margin around what a mask shows.
 
     Parameters
@@ -61,23 +61,20 @@ def cut_out(pixels: Pixels, box: Box, mask: Mask | None, background: Background)
     pixels : array of shape [H, W, 3], uint8, sRGB
     box : tuple of 4 float
         x0, y0, x1, y1 in pixels.
-    mask : array of shape [H, W], bool, or None
-        None keeps the surroundings, and gives no margin.
+    mask : array of shape [H, W], bool
     background : str
         What becomes of the surroundings of the mask.
     """
-    margin = 0.0 if mask is None else _MARGIN
-    side = max(box[2] - box[0], box[3] - box[1], 1.0) * (1 + 2 * margin)
+    side = max(box[2] - box[0], box[3] - box[1], 1.0) * (1 + 2 * _MARGIN)
     left, top = (box[0] + box[2] - side) / 2, (box[1] + box[3] - side) / 2
     x0, y0 = max(0, int(np.floor(left))), max(0, int(np.floor(top)))
     x1, y1 = min(pixels.shape[1], int(np.ceil(left + side))), min(pixels.shape[0], int(np.ceil(top + side)))
     part = pixels[y0:y1, x0:x1].astype(np.float32)
-    if mask is not None:
-        outside = ~mask[y0:y1, x0:x1]
-        if background == "white":
-            part[outside] = WHITE
-        elif background == "dimmed":
-            part[outside] = _DIMMED * part[outside]
-        else:
-            part[outside] = cv2.GaussianBlur(part, (0, 0), _BLUR * side)[outside]
+    outside = ~mask[y0:y1, x0:x1]
+    if background == "white":
+        part[outside] = WHITE
+    elif background == "dimmed":
+        part[outside] = _DIMMED * part[outside]
+    else:
+        part[outside] = cv2.GaussianBlur(part, (0, 0), _BLUR * side)[outside]
     return Cut(part, left, top, side, x0, y0)

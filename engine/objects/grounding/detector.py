@@ -91,32 +91,7 @@ class Detector(Protocol):
         pixels : array of shape [H, W, 3], uint8, sRGB
         labels : array of shape [h, w], int32, or None
             Label map of the same photo at any size (`masks.read_label_map`). Detections are then selected from its
-            segments and contain their ids.
-
-        Raises
-        ------
-        PromptError
-            When the prompt is empty or not known.
-        """
-        ...
-
-    def score_crops(
-        self,
-        pixels: Pixels,
-        boxes: ArrayLike,
-        prompt: str,
-        *,
-        masks: Sequence[Mask] | None = None,
-    ) -> list[float]:
-        """Return how well each box, or each mask if given, matches `prompt`, 0 to 1.
-
-        Parameters
-        ----------
-        pixels : array of shape [H, W, 3], uint8, sRGB
-        boxes : array-like of shape [n, 4]
-            x0, y0, x1, y1 in pixels.
-        masks : sequence of n bool arrays of shape [H, W], or None
-            Mask of the object in each box.
+            segments and contain their ids. Without it, a detector that describes crops detects nothing.
 
         Raises
         ------
@@ -143,7 +118,7 @@ class Detector(Protocol):
         return None
 
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
-        """Return how well each row of `described`, [n, D], matches `prompt`, like `score_crops`.
+        """Return how well each row of `described`, [n, D], matches `prompt`, 0 to 1.
 
         Raises
         ------

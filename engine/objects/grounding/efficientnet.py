@@ -94,8 +94,8 @@ class EfficientNetLite2:
             ) from error
 
     @torch.inference_mode()
-    def features(self, pictures: Tensor) -> Tensor:
-        """Return the last feature map, shape [B, 1280, ceil(H / 32), ceil(W / 32)], float32.
+    def pooled(self, pictures: Tensor) -> Tensor:
+        """Return the mean of the last feature map, shape [B, 1280], float32.
 
         Parameters
         ----------
@@ -109,26 +109,12 @@ class EfficientNetLite2:
             y = x if expand is None else functional.relu6(expand(x), inplace=True)
             y = project(functional.relu6(depthwise(y), inplace=True))
             x = y.add_(x) if residual else y
-        return functional.relu6(self._head(x), inplace=True).float()
-
-    @torch.inference_mode()
-    def pooled(self, pictures: Tensor) -> Tensor:
-        """Return the mean of the last feature map, shape [B, 1280], of `pictures` as in `features`."""
-        return self.features(pictures).mean(dim=(2, 3))
+        return functional.relu6(self._head(x), inplace=True).float().mean(dim=(2, 3))
 
     @torch.inference_mode()
     def classes(self, pooled: Tensor) -> Tensor:
         """Return class logits, shape [B, 1000], of what `pooled` returned."""
         return functional.linear(pooled, self._class_weight, self._class_bias)
-
-    @torch.inference_mode()
-    def class_map(self, features: Tensor) -> Tensor:
-        """Return the logits of each cell, shape [B, 1000, h, w]; their mean over the cells equals `classes`.
-
-        The head averages over cells and then applies a linear layer; the two operations commute (Zhou et al., "Learning
-        Deep Features for Discriminative Localization", 2016, equation 2).
-        """
-        return functional.conv2d(features, self._class_weight[:, :, None, None], self._class_bias)
 
 
 def _load_convolution(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -23,11 +22,6 @@ from .settings import GroundingSettings
 
 _INPUTS = ("pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask")
 _OUTPUTS = ["logits", "pred_boxes"]
-_CROP_MARGIN = 0.2  # chosen on museum_room
-"""Margin of a crop on each side, as a fraction of the box. Chosen without a measurement, see
-docs/design_notes/grounding.md."""
-_MIN_CROP_IOU = 0.5  # chosen on museum_room
-"""Smallest IoU with the cropped box at which a predicted box counts as the cropped object."""
 _MAX_CACHED_PREDICTIONS = 256
 """Predictions (one per photo and prompt) kept in memory: 18 KB each for 900 boxes, and their labels."""
 
@@ -133,36 +127,6 @@ class GroundingDino(Detector):
             if region and fit >= self._settings.min_fit and region not in by_segment:
                 by_segment[region] = Detection(box, detection.score, detection.label, region)
         return list(by_segment.values())
-
-    def score_crops(
-        self,
-        pixels: Pixels,
-        boxes: ArrayLike,
-        prompt: str,
-        *,
-        masks: Sequence[Mask] | None = None,
-    ) -> list[float]:
-        """Return how well each box, or the box around each mask, matches `prompt`; see `Detector.score_crops`.
-
-        Of a mask only the bounding box is used, since the model was trained on whole pictures, not on masked objects.
-        The model is run on a crop around each box, enlarged by a fifth on each side. The score is the best score of a
-        predicted box that overlaps the given box with an IoU of at least 0.5, or 0 if there is none.
-        """
-        corners = np.asarray(boxes, np.float64).reshape(-1, 4)
-        if masks is not None:
-            if len(masks) != len(corners):
-                raise ValueError(f"{len(corners)} boxes and {len(masks)} masks")
-            corners = np.array([_extent(mask, box) for mask, box in zip(masks, corners, strict=True)]).reshape(-1, 4)
-        return [self._score_crop(pixels, box, prompt) for box in corners]
-
-    def _score_crop(self, pixels: Pixels, box: Float64, prompt: str) -> float:
-        margin = _CROP_MARGIN * (box[2:] - box[:2])
-        height, width = pixels.shape[:2]
-        x0, y0 = np.clip(np.floor(box[:2] - margin), 0, (width - 1, height - 1)).astype(int)
-        x1, y1 = np.clip(np.ceil(box[2:] + margin), (x0 + 1, y0 + 1), (width, height)).astype(int)
-        predicted = self.predict_boxes(np.ascontiguousarray(pixels[y0:y1, x0:x1]), prompt)
-        overlaps = box_ious(predicted.corners, (box - (x0, y0, x0, y0)).astype(np.float32))
-        return float(predicted.scores[overlaps >= _MIN_CROP_IOU].max(initial=0.0))
 
     def predict_boxes(self, pixels: Pixels, prompt: str) -> Boxes:
         """Return all boxes of the model, including those below the threshold; cached per photo and prompt.

@@ -1,8 +1,8 @@
 """A text detector from an ImageNet classifier, and a small language model that maps prompts to its classes.
 
 Its weights are available without a model hub. A prompt that matches none of the 1,000 classes is rejected, and the
-nearest words are listed. If the segments of a photo are given, each one is cropped, placed on white and classified,
-which works much better than the sliding windows used without segments. See docs/design_notes/grounding.md.
+nearest words are listed. Each segment of a photo is cropped, placed on white and classified. See
+docs/design_notes/grounding.md.
 """
 
 from __future__ import annotations
@@ -26,13 +26,12 @@ from ...core.words import MADE_CLASSES
 from ...install.models import locate, models_folder, multiplies_bfloat16
 from .crop_describer import CropDescriber, as_boxes
 from .crops import WHITE, Box, cut_out
-from .detector import Detection, PromptCheck
+from .detector import PromptCheck
 from .efficientnet import INPUT_SIDE, N_FEATURES, EfficientNetLite2
 from .row_cache import RowCache
 from .sentences import SentenceEncoder
 from .vocabulary import N_CLASSES, Vocabulary
 from .wholeness import usual_features, whole_odds
-from .windows import find_windows
 
 Score = TypeVar("Score", float, Float32)
 
@@ -106,26 +105,12 @@ class OfflineVocabulary(CropDescriber):
         corners = as_boxes(boxes)
         return np.hstack([self._pooled(pixels, corners, masks, dimmed=dimmed) for dimmed in (False, True)])
 
-    def describe_boxes(self, pixels: Pixels, boxes: Sequence[Box]) -> Float32:
-        """Return the pooled features of what each box shows, [n, 1280]."""
-        return self._pooled(pixels, boxes, None)
-
     def describe_segments(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:
         """Return the pooled features of each segment on white, [n, 1280].
 
         A segment takes about 0.06 CPU seconds; the results are stored on disk for further prompts.
         """
         return self._pooled(pixels, boxes, masks, disk_cache=self._segment_cache)
-
-    def detect_in_windows(self, pixels: Pixels, prompt: str) -> list[Detection]:
-        """Return the windows in which the classifier sees classes of the prompt.
-
-        It takes as long as about 40 segments and gives less accurate boxes.
-        """
-        return [
-            Detection(window.box, _score(window.probability), self._vocabulary.name(window.class_index))
-            for window in find_windows(self._classifier, pixels, self._class_weights(prompt))
-        ]
 
     def word_for(self, row: Float32, prompt: str) -> str:
         """Return the usual word of the most probable class of the prompt."""
@@ -210,7 +195,7 @@ class OfflineVocabulary(CropDescriber):
         self,
         pixels: Pixels,
         boxes: Sequence[Box],
-        masks: Sequence[Mask] | None,
+        masks: Sequence[Mask],
         *,
         disk_cache: RowCache | None = None,
         dimmed: bool = False,
@@ -220,15 +205,14 @@ class OfflineVocabulary(CropDescriber):
             return np.zeros((0, N_FEATURES), np.float32)
         digest = sha256(np.ascontiguousarray(pixels).data)
         digest.update(repr((pixels.shape, boxes, *(["dimmed"] if dimmed else []))).encode())
-        for mask in masks or ():
+        for mask in masks:
             digest.update(np.packbits(mask).data)
         key = digest.hexdigest()
         if key not in self._features:
             rows = None if disk_cache is None else disk_cache.get(key)
             if rows is None or len(rows) != len(boxes):
-                shown: Sequence[Mask | None] = masks or [None] * len(boxes)
                 crops = [
-                    functools.partial(_crop, pixels, box, mask, dimmed) for box, mask in zip(boxes, shown, strict=True)
+                    functools.partial(_crop, pixels, box, mask, dimmed) for box, mask in zip(boxes, masks, strict=True)
                 ]
                 rows = np.concatenate(self._run_classifier(crops))
                 if disk_cache is not None:
@@ -267,7 +251,7 @@ def _score(probability: Score) -> Score:
     return probability / (probability + _MIDPOINT)
 
 
-def _crop(pixels: Pixels, box: Box, mask: Mask | None, dimmed: bool) -> Pixels:
+def _crop(pixels: Pixels, box: Box, mask: Mask, dimmed: bool) -> Pixels:
     """Return a square crop around `box`, resized to the classifier's input, shape [260, 260, 3]."""
     cut = cut_out(pixels, box, mask, "dimmed" if dimmed else "white")
     part, scale = cut.pixels, INPUT_SIDE / cut.side

@@ -19,7 +19,7 @@ from .ground_truth import GroundTruth
 if TYPE_CHECKING:
     from ...objects.grounding import Detector
 
-_MIN_VISIBLE_SHARE = 0.25  # that of engine.objects.crops
+_MIN_VISIBLE_SHARE = 0.25
 """Smallest area of an object in a photo, as a share of its area in the selected photo that shows most of it."""
 
 
@@ -51,7 +51,7 @@ def words_of_true_masks(
     dict of str to str, or None
         A word is mapped to itself if its score is the highest, or one of the highest, and above 0. Of equal objects one
         is enough. Empty texts stand for objects on which every word scores 0. Words of objects that no photo shows are
-        missing. None if all are missing.
+        missing. None if all are missing, and for a detector that describes no crops.
 
     Raises
     ------
@@ -62,8 +62,8 @@ def words_of_true_masks(
 
     Notes
     -----
-    Crops and scores are those of `engine.objects.ranking.TextScorer`, with true masks in place of rendered ones: up to
-    `n_photos` photos from all sides, and the average of the mean and the median of their scores.
+    The objects are cut out of up to `n_photos` photos from all sides. A score is the average of the mean and the median
+    of those in the photos.
     """
     words = [*dict.fromkeys(truth.prompts.values()), *truth.absent]
     words = [word for word in words if detector.check_prompt(word).known]
@@ -100,6 +100,8 @@ def _scores(
         box = mask_box(inside)
         if box is None:
             continue
-        for word in words:
-            found[word] += detector.score_crops(pixels, [list(box)], word, masks=[inside])
+        described = detector.describe_crops(pixels, [box], [inside])
+        if described is not None:
+            for word in words:
+                found[word] += detector.score_descriptions(described, word)
     return {word: float(np.mean(each) + np.median(each)) / 2 if each else 0.0 for word, each in found.items()}

@@ -99,10 +99,6 @@ class FakeDetector:
                 found.append(FakeDetection(box_of(mask), 0.95 if mistaken else 0.8, name, region))
         return found
 
-    def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
-        """Return each mask's IoU with the part that `prompt` names."""
-        return self.score_descriptions(self.describe_crops(pixels, boxes, masks), prompt)
-
     def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
         """Return each mask's IoU with each part."""
         photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))

@@ -161,21 +161,12 @@ def test_segment_that_fits_the_box_is_selected_not_the_wall_behind_it(tiny: Tiny
     assert best_segments(np.array([[0, 0, 200, 100]], np.float32), labels)[0][0] == 1
 
 
-def test_crop_score_only_counts_boxes_that_overlap_the_object(tiny: Tiny) -> None:
-    # The crop is 1.4 boxes wide, so the object covers the middle 1 / 1.4. The box with the higher score must not count.
-    session = _Scripted([(0.5, 0.5, 0.7, 0.7), (0.1, 0.1, 0.2, 0.2)], [0.4, 0.9])
+def test_photo_that_is_asked_again_is_not_processed_again_and_no_crop_is_described(tiny: Tiny) -> None:
+    session = _Scripted([(0.5, 0.5, 0.7, 0.7)], [0.4])
     detector = GroundingDino("free", session, tiny.tokenizer_file)
-    pixels = _photo(200, 300)
-    assert detector.score_crops(pixels, [[100, 60, 160, 120]], "vase") == pytest.approx([0.4], abs=1e-6)
-    assert detector.score_crops(pixels, np.zeros((0, 4)), "vase") == []
-    mask = np.zeros((200, 300), bool)
-    mask[60:120, 100:160] = True
-    assert detector.score_crops(pixels, [[0, 0, 300, 200]], "vase", masks=[mask]) == pytest.approx([0.4], abs=1e-6)
-    assert len(session.inputs) == 1  # the same crop three times
-    session = _Scripted([(0.1, 0.1, 0.2, 0.2)], [0.9])
-    other = GroundingDino("free", session, tiny.tokenizer_file)
-    assert other.score_crops(pixels, [[100, 60, 160, 120]], "vase") == [0.0]
-    assert other.describe_crops(pixels, [[100, 60, 160, 120]], [mask]) is None
+    assert detector.detect(_photo(), "vase") == detector.detect(_photo(), "vase")
+    assert len(session.inputs) == 1
+    assert detector.describe_crops(_photo(), [[0, 0, 9, 9]], [np.ones((9, 9), bool)]) is None
 
 
 def test_any_words_are_accepted_but_not_an_empty_prompt(tiny: Tiny) -> None:

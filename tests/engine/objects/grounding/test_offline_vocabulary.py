@@ -1,4 +1,4 @@
-"""The offline vocabulary finds segments and boxes for words."""
+"""The offline vocabulary finds segments for words."""
 
 from __future__ import annotations
 
@@ -30,44 +30,21 @@ def test_label_map_of_another_size_is_resized_to_the_photo(detector: OfflineVoca
     assert found[0].region == room.ids["hourglass"]
 
 
-@pytest.mark.parametrize("prompt", ["mask", "teapot"])
-def test_without_segments_the_best_window_is_on_the_exhibit(
-    detector: OfflineVocabulary, room: Room, prompt: str
-) -> None:
-    best = detector.detect(room.pixels, prompt)[0]
-    x0, y0, x1, y1 = (round(value) for value in best.box)
-    assert 0 <= x0 < x1 <= room.pixels.shape[1] and 0 <= y0 < y1 <= room.pixels.shape[0]
-    inside = room.labels[y0:y1, x0:x1] == room.ids[prompt]
-    assert inside.mean() > 0.5  # seen: 0.8 and 0.9
-
-
-def test_crop_scores_rank_the_correct_exhibit_first_in_any_order(detector: OfflineVocabulary, room: Room) -> None:
-    names = ["mask", "hourglass", "teapot"]
-    masks = [room.labels == room.ids[name] for name in names]
-    boxes = []
-    for mask in masks:
-        rows, columns = np.nonzero(mask)
-        boxes.append([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1])
-    scores = detector.score_crops(room.pixels, boxes, "teapots", masks=masks)
-    assert int(np.argmax(scores)) == 2 and all(0 <= score <= 1 for score in scores)
-    backwards = detector.score_crops(room.pixels, boxes[::-1], "teapots", masks=masks[::-1])
-    np.testing.assert_allclose(backwards[::-1], scores, atol=1e-4)
-    assert len(detector.score_crops(room.pixels, boxes, "teapot")) == 3
-    assert detector.score_crops(room.pixels, [], "teapot") == []
-    with pytest.raises(ValueError, match="3 boxes and 1 masks"):
-        detector.score_crops(room.pixels, boxes, "teapot", masks=masks[:1])
-
-
-def test_scores_of_descriptions_equal_scores_of_crops(detector: OfflineVocabulary, room: Room) -> None:
-    masks = [room.labels == room.ids[name] for name in ("mask", "teapot")]
-    boxes = [[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1] for rows, columns in map(np.nonzero, masks)]
+def test_descriptions_rank_the_correct_exhibit_first_in_any_order(detector: OfflineVocabulary, room: Room) -> None:
+    masks = [room.labels == room.ids[name] for name in ("mask", "hourglass", "teapot")]
+    boxes = [mask_box(mask) for mask in masks]
     described = detector.describe_crops(room.pixels, boxes, masks)
-    assert described.shape[0] == 2 and described.dtype == np.float32
-    for word in ("teapot", "mask"):
-        scores = detector.score_crops(room.pixels, boxes, word, masks=masks)
-        np.testing.assert_allclose(detector.score_descriptions(described, word), scores, atol=1e-6)
+    assert described.shape[0] == 3 and described.dtype == np.float32
+    scores = detector.score_descriptions(described, "teapots")
+    assert int(np.argmax(scores)) == 2 and all(0 <= score <= 1 for score in scores)
+    backwards = detector.describe_crops(room.pixels, boxes[::-1], masks[::-1])
+    np.testing.assert_allclose(detector.score_descriptions(backwards, "teapots")[::-1], scores, atol=1e-4)
     with pytest.raises(PromptError, match="outside"):
         detector.score_descriptions(described, "sarcophagus")
+    with pytest.raises(PromptError, match="nearest words are: teapot"):
+        detector.score_descriptions(described, "tepot")
+    with pytest.raises(PromptError, match="empty"):
+        detector.score_descriptions(described, " ")
 
 
 def test_example_is_like_what_it_shows_also_where_nothing_else_is_seen(detector: OfflineVocabulary, room: Room) -> None:
@@ -93,25 +70,18 @@ def test_clear_exhibit_excludes_other_words_and_not_its_own(detector: OfflineVoc
     assert detector.fitting_word(flat, "accordion") == "", "nothing is probable, so nothing excludes a word"
 
 
-def test_nothing_is_found_on_a_plain_wall(detector: OfflineVocabulary) -> None:
+def test_nothing_is_found_on_a_plain_wall_or_without_segments(detector: OfflineVocabulary) -> None:
     wall = np.full((120, 160, 3), 200, np.uint8)
     assert detector.detect(wall, "teapot", labels=np.ones((120, 160), np.int32)) == []
     assert detector.detect(wall, "teapot", labels=np.zeros((120, 160), np.int32)) == []
+    assert detector.detect(wall, "teapot") == [], "without segments nothing is described"
 
 
 def test_photos_of_one_pixel_and_narrow_photos_raise_no_error(detector: OfflineVocabulary) -> None:
     for shape in ((1, 1, 3), (2, 300, 3)):
-        found = detector.detect(np.full(shape, 90, np.uint8), "vase")
-        assert all(0 <= detection.score <= 1 for detection in found)
-        (score,) = detector.score_crops(np.full(shape, 90, np.uint8), [[0, 0, 1, 1]], "vase")
+        described = detector.describe_crops(np.full(shape, 90, np.uint8), [[0, 0, 1, 1]], [np.ones(shape[:2], bool)])
+        (score,) = detector.score_descriptions(described, "vase")
         assert 0 <= score <= 1
-
-
-def test_unknown_prompt_raises_an_error_with_the_nearest_words(detector: OfflineVocabulary, room: Room) -> None:
-    with pytest.raises(PromptError, match="nearest words are: teapot"):
-        detector.detect(room.pixels, "tepot")
-    with pytest.raises(PromptError, match="empty"):
-        detector.score_crops(room.pixels, [], " ")
 
 
 def test_error_of_missing_weights_contains_the_command(tmp_path: Path) -> None:

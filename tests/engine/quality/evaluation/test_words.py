@@ -114,10 +114,10 @@ def test_absent_things_are_not_asked_for_when_objects_are_chosen(evaluate, blobs
 class Mistaken(FakeDetector):
     """A detector that scores the blue ball higher as a ghost."""
 
-    def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
+    def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
         if prompt == "ghost":
-            return [1.5 * score for score in super().score_crops(pixels, boxes, "blue ball", masks=masks)]
-        return super().score_crops(pixels, boxes, prompt, masks=masks)
+            return [1.5 * score for score in super().score_descriptions(described, "blue ball")]
+        return super().score_descriptions(described, prompt)
 
 
 def test_words_of_true_masks_are_those_that_the_detector_scores_highest(
