@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from .origin import moved_far
     from .ply import PlyFile, read_ply, read_ply_file, write_ply
     from .render_mode import ANTIALIASED_NOTE
-    from .sog import DecodePicture, read_sog
-    from .sog_writing import EncodePicture, write_sog
+    from .sog import read_sog
+    from .sog_writing import write_sog
     from .spherical_harmonics import SH_C0
     from .splat import read_splat
     from .spz import read_spz, write_spz
@@ -31,8 +31,6 @@ __all__ = [
     "FORMATS",
     "READ_SUFFIXES",
     "SH_C0",
-    "DecodePicture",
-    "EncodePicture",
     "FileFacts",
     "Format",
     "PlyFile",

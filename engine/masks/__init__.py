@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .encoder import card_encodes
     from .foreground import make_foreground_masks
     from .mask_geometry import box_ious, mask_box, mask_iou, suppress_overlapping
-    from .mask_metrics import boundary, boundary_iou, feature_agreement, halo, holes, iou, stray
+    from .mask_metrics import boundary_iou, feature_agreement, halo, holes, iou, stray
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
     from .storage import label_map_path, read_label_map
@@ -24,7 +24,6 @@ __all__ = [
     "halo",
     "feature_agreement",
     "boundary_iou",
-    "boundary",
     "Embedding",
     "EmbeddingFolder",
     "MasksBeside",

@@ -8,7 +8,7 @@ from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .candidate_file import CANDIDATES, forget_candidates
-    from .clicked import ClickMasks, click_masks
+    from .clicked import click_masks
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .detail import DetailResult, detail_object
     from .detail_cutter import DetailPhotos, read_part
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CANDIDATES",
-    "ClickMasks",
     "ClickPrompt",
     "DetectorFactory",
     "Looks",

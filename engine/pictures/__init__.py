@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .clusters import find_clusters
     from .png import encode_png, write_png
     from .render import Subject, render_view, visible_masks
     from .scene import Rendered, Scene
@@ -20,7 +19,6 @@ __all__ = [
     "decode_picture",
     "encode_picture",
     "encode_png",
-    "find_clusters",
     "render_view",
     "visible_masks",
     "write_png",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
         training_stopped,
     )
     from .finite import all_finite
-    from .gpu import GpuScene, open_gpu
+    from .gpu import GpuScene
     from .jit import INNER, JIT, cache_folder
     from .raster import CulledCounts, Raster, check_camera, check_finite
     from .reference import project_centres, project_covariances
@@ -60,7 +60,6 @@ __all__ = [
     "look_for_card",
     "n_usable_cores",
     "new_counters",
-    "open_gpu",
     "project_centres",
     "project_covariances",
     "rasterize",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .parameters import Parameters, render
     from .quality import gaussians_so_far, measure_quality
     from .result import TrainingResult
-    from .scene_files import FEATURES_FILE, SCENE_FILE, load_features, load_gaussians, save_gaussians
+    from .scene_files import FEATURES_FILE, SCENE_FILE, load_gaussians, save_gaussians
     from .schedule import Schedule
     from .start import start_gaussians
     from .validation import MIN_PHOTOS_TO_CHOOSE, validation_photos
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 __all__ = [
     "save_gaussians",
     "load_gaussians",
-    "load_features",
     "initial_features",
     "gaussians_from_points",
     "gaussians_at",

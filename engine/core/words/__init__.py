@@ -3,13 +3,12 @@
 Standard library only: Blender and the server split prompts as the engine does.
 """
 
-from .alike import Likeness, likeness
+from .alike import likeness
 from .splitting import join_texts, split_list, split_texts
 from .vocabulary_words import MADE_CLASSES, normalised, similarly_spelt, singulars, word_list
 
 __all__ = [
     "MADE_CLASSES",
-    "Likeness",
     "join_texts",
     "likeness",
     "normalised",

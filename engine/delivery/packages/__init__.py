@@ -17,23 +17,21 @@ if TYPE_CHECKING:
         write_export,
         write_mesh_export,
     )
-    from .package import package_name, write_package
+    from .package import write_package
     from .page import is_viewer_built
     from .turntable import FILMS, SHEET, Turn, write_films, write_sheet
-    from .verification import Verification, verify_package
+    from .verification import verify_package
 
 __all__ = [
     "FILMS",
     "SHEET",
     "Export",
     "Turn",
-    "Verification",
     "divided",
     "is_viewer_built",
     "load_export",
     "mesh_of",
     "mesh_sentence",
-    "package_name",
     "turn_of",
     "verify_package",
     "write_export",

@@ -11,24 +11,21 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .contents import CONTENTS, Part, sizes
-    from .environment import EngineEnvironment, State, default_folder
+    from .contents import CONTENTS, sizes
+    from .environment import EngineEnvironment, default_folder
     from .locked import locked_arguments, locked_file, pinned
     from .pip_command import Pip, run_logged
-    from .pythons import find_python, find_pythons, usable
+    from .pythons import find_python, usable
     from .torch_builds import TorchSource, default_build, torch_source
 
 __all__ = [
     "CONTENTS",
     "EngineEnvironment",
-    "Part",
     "Pip",
-    "State",
     "TorchSource",
     "default_build",
     "default_folder",
     "find_python",
-    "find_pythons",
     "locked_arguments",
     "locked_file",
     "pinned",

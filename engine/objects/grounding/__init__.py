@@ -7,21 +7,13 @@ from typing import TYPE_CHECKING
 from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .default import (
-        WORD_MODELS,
-        default_detector_name,
-        load_default_detector,
-        load_detector,
-        offered_model,
-        stored_describers,
-    )
+    from .default import WORD_MODELS, load_default_detector, load_detector, offered_model, stored_describers
     from .detector import Detector, PromptCheck
 
 __all__ = [
     "WORD_MODELS",
     "Detector",
     "PromptCheck",
-    "default_detector_name",
     "load_default_detector",
     "load_detector",
     "offered_model",

@@ -5,9 +5,6 @@ Standard library and NumPy only: Blender reads them, too.
 
 from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
 from .object_record import (
-    COMPUTED_FILES,
-    DETAIL_FILE,
-    LEVELS_FILE,
     MEMBERSHIP_FILE,
     PICTURE_FILE,
     RECORD_FILE,
@@ -37,14 +34,11 @@ from .trash import bring_back, delete_object, discard_object, empty_trash, keep_
 
 __all__ = [
     "detail_of",
-    "COMPUTED_FILES",
-    "LEVELS_FILE",
     "MEMBERSHIP_FILE",
     "MUSEUM_RECORD_FILE",
     "MuseumRecord",
     "ObjectRecord",
     "PICTURE_FILE",
-    "DETAIL_FILE",
     "RECORD_FILE",
     "UNREADABLE",
     "bring_back",

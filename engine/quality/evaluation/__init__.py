@@ -11,25 +11,20 @@ if TYPE_CHECKING:
     from .ground_truth import GroundTruth, read_ground_truth
     from .isolation import evaluate_project
     from .outlines import evaluate_outlines, outline_table
-    from .results import Evaluation, mean_of
+    from .results import mean_of
     from .results_file import write_results
-    from .summary import Summary, summarise
-    from .table import INTRODUCTION, MEANINGS, data_of, markdown, write_evaluation
+    from .table import INTRODUCTION, MEANINGS, markdown, write_evaluation
 
 __all__ = [
     "GroundTruth",
     "INTRODUCTION",
     "MEANINGS",
-    "Evaluation",
-    "Summary",
-    "data_of",
     "evaluate_outlines",
     "evaluate_project",
     "markdown",
     "mean_of",
     "outline_table",
     "read_ground_truth",
-    "summarise",
     "write_evaluation",
     "write_results",
     "write_section",

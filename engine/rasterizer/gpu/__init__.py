@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .self_test import open_gpu
     from .shaders import RENDERING, Sources
     from .submissions import Dispatch, Submissions, Timings, encode, run_together, wait_until_done
-    from .tested import has_passed_elsewhere, passed_elsewhere
+    from .tested import passed_elsewhere
     from .workspace import PLACES, STORAGE, Workspace
 
 __all__ = [
@@ -43,7 +43,6 @@ __all__ = [
     "describe_adapters",
     "encode",
     "grown_capacity",
-    "has_passed_elsewhere",
     "open_adapter",
     "open_gpu",
     "pack_sh",

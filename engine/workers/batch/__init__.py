@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from .folder_state import FolderState
     from .remote_job import run_remote_job
     from .settings import BatchSettings
-    from .stage_task import run_stage, stop_stages
     from .summary import summary_as_dict, summary_page, summary_text
 
 __all__ = [
@@ -20,8 +19,6 @@ __all__ = [
     "FolderState",
     "run_batch",
     "run_remote_job",
-    "run_stage",
-    "stop_stages",
     "summary_as_dict",
     "summary_page",
     "summary_text",
