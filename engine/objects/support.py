@@ -159,7 +159,7 @@ class _Plan:
                 break
             surface = self._surface(float(height), outline)
             found.append((surface.cover * outline.share, surface))
-        best, surface = max(found, default=(0.0, None))
+        best, surface = max(found, default=(0.0, _Support(0.0, 0.0)))
         return surface if best > 0 else None
 
     def _surface(self, height: float, outline: _Outline) -> _Support:
