@@ -19,11 +19,15 @@ PLACES = (
     "operators/**/*.py",
     "engine/delivery/report/*.py",
     "engine/delivery/packages/page.py",
+    "engine/delivery/records/unit.py",
+    "engine/serve/**/*.py",
     "engine/core/stage_names.py",
     "engine/training/settings.py",
     "engine/formats/table.py",
 )
 """Modules with texts that users see."""
+ANSWERS = "engine/serve/**/*.py"
+"""Modules whose errors the page shows; those that state a value stay English."""
 PAGE = "engine/serve/page/src/**/*.js"
 LANGUAGES = {file.stem: file for file in (ROOT / "engine" / "core" / "language" / "texts").glob("*.json")}
 _SHOWN = ("text", "title", "confirm_text", "placeholder")
@@ -31,7 +35,7 @@ _SHOWN = ("text", "title", "confirm_text", "placeholder")
 _PARTS_OF_AN_ITEM = 5
 _TRANSLATING = {"t": 0, "translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1, "Format": 1}
 """Functions whose text at this position among their arguments is translated."""
-_CONSTANTS = {"_LABEL": "label", "_DESCRIPTION": "tooltip"}
+_CONSTANTS = {"_LABEL": "label", "_DESCRIPTION": "tooltip", "_SENTENCE": "label"}
 """Ends of the names of constants that are translated where they are shown."""
 _TABLE = "_NAMES"
 """End of the names of dictionaries whose values are translated where they are shown."""
@@ -95,6 +99,14 @@ def texts_of(source: str) -> Iterator[tuple[str, str]]:
                     yield from _constant("label", keyword.value)
 
 
+def answers_of(source: str) -> Iterator[str]:
+    """Yield the sentence of each error of a module that states no value."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            for argument in node.exc.args:
+                yield from (text for _, text in _constant("label", argument))
+
+
 def _of_class(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
     labels = [
         statement.value
@@ -139,6 +151,9 @@ def all_texts() -> dict[str, str]:
         for file in sorted(ROOT.glob(place)):
             for kind, text in texts_of(file.read_text(encoding="utf-8")):
                 found.setdefault(text, kind)
+    for file in sorted(ROOT.glob(ANSWERS)):
+        for text in answers_of(file.read_text(encoding="utf-8")):
+            found.setdefault(text, "label")
     for file in sorted(ROOT.glob(PAGE)):
         for text in texts_of_script(file.read_text(encoding="utf-8")):
             found.setdefault(text, "label")

@@ -22,6 +22,10 @@ from .trash import TrashItem
 from .videos import describe_videos
 from .word_models import describe_offer
 
+_UNREGISTERED_SENTENCE = "No camera position was found for it."
+_REFUTED_SENTENCE = "The other photos refute its camera position."
+"""Why a photo is not used, where the check of the photos itself has no reason."""
+
 
 def summarise_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
     """Return what a list of projects shows."""
@@ -119,9 +123,9 @@ def _photos(project: WebProject) -> list[dict[str, Any]]:
         cameras = _stage(project, "cameras")
         if cameras is not None:
             without = [str(name) for name in (cameras.get("figures") or {}).get("unregistered", ())]
-            rejected.update(dict.fromkeys(without, "No camera position was found for it."))
+            rejected.update(dict.fromkeys(without, _UNREGISTERED_SENTENCE))
             refuted = _health(cameras).get("refuted", ())
-            rejected.update(dict.fromkeys(map(str, refuted), "The other photos refute its camera position."))
+            rejected.update(dict.fromkeys(map(str, refuted), _REFUTED_SENTENCE))
         used = set(project.photo_names()) - set(rejected)
     names = project.photo_names()
     sizes = {name: bytes_of(project.photos / name) for name in names}

@@ -27,18 +27,24 @@ _STOP_SECONDS = 30.0
 """Time that a job has to save its work when the server ends; compose.yaml allows for it."""
 _ON_CLUSTER = 8
 """Jobs that a cluster gets at a time, each of another project: some 100 MB of memory each on the server."""
-_LABELS = {
+_KIND_NAMES = {
+    "reconstruct": "Reconstruct the scene",
+    "frames": "Take photos from {}",
+    "segment": "Isolate the clicked object",
+}
+_OPTION_NAMES = {
     "--prompt": "Isolate {}",
     "--refine": "Correct {}",
     "--accept": "Isolate candidate {}",
     "--detail": "Add detail to {}",
 }
-_WORDS = {
+"""What a job does by an option with a value, which is its subject."""
+_FLAG_NAMES = {
     "--detail": "Add detail to all objects",
     "--all": "Find all objects",
     "--complement": "Isolate the background",
 }
-_STOPPED = "What is computed so far is kept. Continue goes on from there."
+_STOPPED_SENTENCE = "What is computed so far is kept. Continue goes on from there."
 _CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment": ("objects",)}
 """The parts of a project that a finished job of each kind has changed."""
 
@@ -47,12 +53,14 @@ _CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment"
 class JobView:
     """A job as clients see it; the fields are those of the API.
 
-    A job in the state ``stopped`` without an `error` was stopped by the user.
+    ``label`` says what it does, with ``{}`` in the place of its ``subject``. A job in the state ``stopped`` without an
+    `error` was stopped by the user.
     """
 
     id: str
     kind: str
     label: str
+    subject: str
     state: str
     stage: str = ""
     fraction: float = 0.0
@@ -303,21 +311,23 @@ def _words(command: Sequence[str]) -> list[str]:
 
 
 def _view_of_waiting(waiting: WaitingJob) -> JobView:
-    return JobView(waiting.file.stem, waiting.kind, _label(waiting.kind, _words(waiting.command)), "waiting")
+    return JobView(waiting.file.stem, waiting.kind, *_label(waiting.kind, _words(waiting.command)), "waiting")
 
 
 def _view_of_job(job: Job) -> JobView:
     state = job.poll()
+    label, subject = _label(job.kind, _words(job.command))
     return JobView(
         id=job.folder.name,
         kind=job.kind,
-        label=_label(job.kind, _words(job.command)),
+        label=label,
+        subject=subject,
         state="running" if state.running else "finished" if state.finished else "stopped",
         stage=state.stage,
         fraction=state.fraction,
         seconds_left=state.seconds_left,
         seconds_left_in_all=_left_in_all(job, state),
-        message=_STOPPED if job.was_stopped() else state.message,
+        message=_STOPPED_SENTENCE if job.was_stopped() else state.message,
         warnings=tuple(state.warnings[-5:]),
         # A process that reported its error still has to end.
         error="" if state.running or job.was_stopped() else state.error,
@@ -340,16 +350,12 @@ def _left_in_all(job: Job, state: JobState) -> float | None:
     return seconds_left_in_all(Path(job.subject) / PROJECT, state)
 
 
-def _label(kind: str, words: Sequence[str]) -> str:
-    """Return what a job does, in words."""
-    if kind == "reconstruct":
-        return "Reconstruct the scene"
-    if kind == "frames":
-        return f"Take photos from {Path(words[1]).name}"
-    for word in words:
+def _label(kind: str, words: Sequence[str]) -> tuple[str, str]:
+    """Return label and subject of a job."""
+    for word in words if kind == "segment" else ():
         option, _, value = word.partition("=")
-        if option in _LABELS and value:
-            return _LABELS[option].format(value)
-        if option in _WORDS:
-            return _WORDS[option]
-    return "Isolate the clicked object"
+        if option in _OPTION_NAMES and value:
+            return _OPTION_NAMES[option], value
+        if option in _FLAG_NAMES:
+            return _FLAG_NAMES[option], ""
+    return _KIND_NAMES.get(kind, kind), Path(words[1]).name if kind == "frames" else ""

@@ -57,6 +57,11 @@ def test_texts_of_the_page_are_found() -> None:
     ]  # fmt: skip
 
 
+def test_errors_without_a_value_are_found() -> None:
+    source = 'raise NotFound("There is none.")\nraise HTTPException(413, f"{name} is too large.")\nraise'
+    assert list(extract_texts.answers_of(source)) == ["There is none."]
+
+
 def test_page_says_nothing_that_is_not_translated() -> None:
     shown: set[str] = set()
     for file in sorted(ROOT.glob(extract_texts.PAGE)):

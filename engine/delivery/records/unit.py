@@ -7,7 +7,7 @@ from typing import Any
 from ...project.folder import ProjectFolder
 from ...scene import load_measurement
 
-_NOT_KNOWN = "The unit of length is not known, because no distance was given. It is not a metre."
+_NOT_KNOWN_SENTENCE = "The unit of length is not known, because no distance was given. It is not a metre."
 
 
 def describe_unit(project: ProjectFolder) -> dict[str, Any]:
@@ -26,7 +26,7 @@ def describe_unit(project: ProjectFolder) -> dict[str, Any]:
     """
     measurement = load_measurement(project.path)
     if measurement.metres_per_unit is None:
-        return {"known": False, "metres_per_unit": None, "text": _NOT_KNOWN}
+        return {"known": False, "metres_per_unit": None, "text": _NOT_KNOWN_SENTENCE}
     count = len(measurement.distances)
     unit: dict[str, Any] = {
         "known": True,

@@ -388,7 +388,7 @@ def _record(facts: dict[str, Any], t: Translate) -> Html:
         (t("report written"), written["finished"]),
         (t("report written with"), _version(written, t)),
         (t("seeds"), "; ".join(seeds)),
-        (t("unit of length"), record["unit"]["text"]),
+        (t("unit of length"), t(record["unit"]["text"])),
     ]
     versions = ", ".join(f"{name} {version}" for name, version in written["software"].items())
     scene = record["identifier"] or ""

@@ -44,6 +44,18 @@ def test_the_page_offers_the_options_of_the_engines_list(client: Client) -> None
     assert told["light"] == {"label": LIGHT_LABEL, "description": LIGHT_DESCRIPTION}
 
 
+def test_the_texts_of_each_language_are_served_to_everybody(client: Client) -> None:
+    told = client.http.get(f"{API}/session").json()
+    assert told["languages"] == {"en": "English", "de": "Deutsch"}
+    answer = client.http.get("/languages/de.json", headers={"Accept-Encoding": "gzip"})
+    assert answer.headers["content-encoding"] == "gzip" and answer.headers["cache-control"] == "no-cache"
+    texts = answer.json()["texts"]
+    # What the page shows in the words of the engine.
+    shown = [*told["stages"].values(), *(one["description"] for one in told["presets"]), LIGHT_DESCRIPTION]
+    assert [text for text in shown if text not in texts] == []
+    assert client.http.get("/languages/reading.py").status_code == 404
+
+
 def test_members_of_an_object_are_a_bit_for_each_gaussian(client: Client, project: str, scene: BlobScene) -> None:
     answer = client.http.get(f"{API}/projects/{project}/objects/ball/members")
     count = int(answer.headers["x-count"])
@@ -127,6 +139,9 @@ def test_report_is_made_anew_when_objects_change(client: Client, project: str) -
     assert "<h1>Room</h1>" in text and "<h3>ball</h3>" in text
     client.http.patch(f"{API}/projects/{project}/objects/ball", json={"name": "globe"})
     assert "<h3>globe</h3>" in client.http.get(f"{API}/projects/{project}/report").text
+    german = client.http.get(f"{API}/projects/{project}/report?language=de").text
+    assert "<h3>globe</h3>" in german and "Suchwort „ball“" in german
+    assert client.http.get(f"{API}/projects/{project}/report?language=../x").status_code == 422
 
 
 def test_project_in_the_list_has_a_photo(client: Client) -> None:

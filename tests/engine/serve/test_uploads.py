@@ -180,6 +180,7 @@ def test_old_unfinished_uploads_are_deleted_at_the_start(make_client: Callable[.
 def test_video_becomes_photos_by_a_job(client: Client) -> None:
     project = client.new_project()
     assert client.upload(project, "walk.mp4", b"a video").status_code == 204
-    assert client.wait_for_job(project, "finished")["label"] == "Take photos from walk.mp4"
+    job = client.wait_for_job(project, "finished")
+    assert (job["label"], job["subject"]) == ("Take photos from {}", "walk.mp4")
     assert names(client, project) == []
     assert client.upload(project, "walk.mp4", b"a video").status_code == 409

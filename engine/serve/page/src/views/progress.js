@@ -3,7 +3,7 @@ import { continueJob, previewUrl, stopJob } from "../api.js";
 import { announce, confirmed, during, h, refill, setText, show } from "../dom.js";
 import { duration, percent, stageText } from "../format.js";
 import { createCurve } from "./curve.js";
-import { isActive } from "../jobs.js";
+import { isActive, jobName } from "../jobs.js";
 import { createTellMe } from "./tell_me.js";
 import { t } from "../language.js";
 
@@ -109,7 +109,7 @@ export function createProgress(context, { compact = false } = {}) {
           await context.refresh();
         };
         const button = h("button", { type: "button", class: "plain", onclick: () => during(button, remove) }, t("Remove"));
-        return h("li", { class: "row apart" }, h("span", null, t("Next: {}", t(each.label))), button);
+        return h("li", { class: "row apart" }, h("span", null, t("Next: {}", jobName(each))), button);
       }),
     );
   }
@@ -140,7 +140,7 @@ export function createProgress(context, { compact = false } = {}) {
 }
 
 function headingOf(job) {
-  const name = job.label ? t(job.label) : t("Work");
+  const name = jobName(job);
   if (job.error) return t("{}: could not be finished", name);
   if (job.state === "stopped") return t("{}: stopped", name);
   if (job.state === "waiting") return t("{}: waiting", name);
@@ -154,7 +154,7 @@ function leftText(job) {
 }
 
 function endOf(job) {
-  return job.state === "finished" ? t("{}: finished", t(job.label)) : headingOf(job);
+  return job.state === "finished" ? t("{}: finished", jobName(job)) : headingOf(job);
 }
 
 function waitingText(job) {
