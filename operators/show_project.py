@@ -9,7 +9,7 @@ import bpy
 
 from ..engine.core.errors import ProjectError
 from ..engine.project.content import is_project, readable_report
-from ..gaussian_heritage_addon.language.translations import language_code, translated
+from ..gaussian_heritage_addon.language.translations import language, translated
 from ..gaussian_heritage_addon.splats.properties import project_of
 
 
@@ -37,7 +37,7 @@ class HERITAGE_OT_open_report(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Open the report."""
-        report = readable_report(project_of(context.scene.heritage), language_code())
+        report = readable_report(project_of(context.scene.heritage), language().code)
         if not report.is_file():
             raise ProjectError(f"{report} does not exist. Import the photo folder again to make it.")
         bpy.ops.wm.url_open(url=report.as_uri())

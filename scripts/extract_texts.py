@@ -28,6 +28,8 @@ PLACES = (
 """Modules with texts that users see."""
 ANSWERS = "engine/serve/**/*.py"
 """Modules whose errors the page shows; those that state a value stay English."""
+SENTENCES = "engine/[!q]*/**/*.py"
+"""Modules that tell how far they are and what they left out; all but those of `quality`, which is for developers."""
 PAGE = "engine/serve/page/src/**/*.js"
 LANGUAGES = {file.stem: file for file in (ROOT / "engine" / "core" / "language" / "texts").glob("*.json")}
 _SHOWN = ("text", "title", "confirm_text", "placeholder")
@@ -39,6 +41,10 @@ _CONSTANTS = {"_LABEL": "label", "_DESCRIPTION": "tooltip", "_SENTENCE": "label"
 """Ends of the names of constants that are translated where they are shown."""
 _TABLE = "_NAMES"
 """End of the names of dictionaries whose values are translated where they are shown."""
+_SAYING = {"LeftOut": (0, 1), "Progress": (3,), "tell": (1,), "report": (1,), "_emit_progress": (0,)}
+"""Functions that say something to the user by the arguments at these positions, or `message`."""
+_SAID = ("what", "why", "saved")
+"""Keys of dictionaries whose values are said."""
 _CALL = re.compile(r"\b(t|plural)\(")
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"')
 """On the page, the first argument of `t` has a text or several to choose from; `plural` has two, after the number."""
@@ -107,6 +113,32 @@ def answers_of(source: str) -> Iterator[str]:
                 yield from (text for _, text in _constant("label", argument))
 
 
+def sentences_of(source: str) -> Iterator[str]:
+    """Yield what a module of the engine says, with ``{}`` in the places of values."""
+    for node in ast.walk(ast.parse(source)):
+        said: list[ast.expr] = []
+        if isinstance(node, ast.Call):
+            called = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+            if called in _SAYING:
+                said = [node.args[place] for place in _SAYING[called] if place < len(node.args)]
+                said += [keyword.value for keyword in node.keywords if keyword.arg == "message"]
+        elif isinstance(node, ast.Dict):
+            pairs = zip(node.keys, node.values, strict=True)
+            said = [value for key, value in pairs if isinstance(key, ast.Constant) and key.value in _SAID]
+        for expression in said:
+            yield from filter(_has_letters, _forms(expression))
+
+
+def _forms(node: ast.expr) -> Iterator[str]:
+    if isinstance(node, ast.IfExp):
+        yield from _forms(node.body)
+        yield from _forms(node.orelse)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        yield node.value
+    elif isinstance(node, ast.JoinedStr):
+        yield "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+
+
 def _of_class(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
     labels = [
         statement.value
@@ -160,27 +192,30 @@ def all_texts() -> dict[str, str]:
     return found
 
 
-def translated(file: Path) -> dict[str, str]:
-    """Return the texts of a language."""
-    texts: dict[str, str] = json.loads(file.read_text(encoding="utf-8"))["texts"]
+def all_sentences() -> set[str]:
+    """Return all that the engine says while it works, and of what it left out."""
+    return {text for file in sorted(ROOT.glob(SENTENCES)) for text in sentences_of(file.read_text(encoding="utf-8"))}
+
+
+def translated(file: Path, part: str = "texts") -> dict[str, str]:
+    """Return the texts, or the sentences, of a language."""
+    texts: dict[str, str] = json.loads(file.read_text(encoding="utf-8"))[part]
     return texts
 
 
 def main() -> int:
-    """Print the texts as lines of the language's file, those without a translation first, and how many there are."""
+    """Print what the language's file lacks, as lines for it, and what it has that is not used any more."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--language", choices=sorted(LANGUAGES), default="de")
     options = parser.parse_args()
-    known, texts = translated(LANGUAGES[options.language]), all_texts()
-    for kind in ("label", "tooltip"):
-        missing = sorted(text for text, its_kind in texts.items() if its_kind == kind and text not in known)
-        print(f"# {kind}s without a translation: {len(missing)}")
-        for text in missing:
+    for part, used in (("texts", set(all_texts())), ("sentences", all_sentences())):
+        known = set(translated(LANGUAGES[options.language], part))
+        print(f"# {part} without a translation: {len(used - known)}")
+        for text in sorted(used - known):
             print(f'  {json.dumps(text, ensure_ascii=False)}: "",')
-    stale = sorted(set(known) - set(texts))
-    print(f"# translated texts that are not used any more: {len(stale)}")
-    for text in stale:
-        print(f"  {json.dumps(text, ensure_ascii=False)}")
+        print(f"# translated {part} that are not used any more: {len(known - used)}")
+        for text in sorted(known - used):
+            print(f"  {json.dumps(text, ensure_ascii=False)}")
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 STAGE_NAMES = {
     "set-up": "Setting up",
+    "models": "Fetching models",
     "frames": "Reading the video",
     "photos": "Reading the photos",
     "planning": "Planning the work",

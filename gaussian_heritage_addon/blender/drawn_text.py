@@ -5,7 +5,7 @@ from __future__ import annotations
 import blf
 import bpy
 
-from ..language.translations import translated
+from ..language.translations import language
 from .problems import plain_text
 from .text_lines import lines_of
 
@@ -33,7 +33,8 @@ def draw_text(
         Boxes around `layout`, whose margins make lines shorter.
     """
     region = bpy.context.region
-    shown = translated(plain_text(text)[:_MAX_LENGTH])
+    # What is shown is a text of ours or a sentence of the engine.
+    shown = language().said(plain_text(text)[:_MAX_LENGTH])
     if line_length is not None or region is None:
         lines = lines_of(shown, line_length or _DEFAULT_LINE_LENGTH, len)
     else:

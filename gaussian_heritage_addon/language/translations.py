@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...engine.core.language import languages
+from ...engine.core.language import Language, languages
 
 _NAME = __package__ or __name__
 _CONTEXTS = ("*", "Operator")
@@ -20,10 +20,10 @@ def translated(text: str, *values: object) -> str:
     return found.format(*values) if values else found
 
 
-def language_code() -> str:
-    """Return the code of the interface's language, or that of English where it has no translation."""
-    locale = bpy.app.translations.locale
-    return next((one.code for one in languages() if locale in one.locales), languages()[0].code)
+def language() -> Language:
+    """Return the language of the interface, or English where there is none for it or the user wants no translations."""
+    locale = bpy.app.translations.locale if bpy.context.preferences.view.use_translate_interface else ""
+    return next((one for one in languages() if locale in one.locales), languages()[0])
 
 
 def register() -> None:

@@ -62,6 +62,18 @@ def test_errors_without_a_value_are_found() -> None:
     assert list(extract_texts.answers_of(source)) == ["There is none."]
 
 
+def test_sentences_are_found_with_the_places_of_their_values() -> None:
+    source = """
+emit(Progress("masks", done, left, f"Segments of {name}"))
+context.tell(0.5, "Storing" if last else f"step {n:,} of {all}")
+left_out.append(LeftOut("test photos", f"{count} photos are too few"))
+fact = {"what": "steps", "name": "no sentence"}
+"""
+    assert set(extract_texts.sentences_of(source)) == {
+        "steps", "Segments of {}", "Storing", "step {} of {}", "test photos", "{} photos are too few",
+    }  # fmt: skip
+
+
 def test_page_says_nothing_that_is_not_translated() -> None:
     shown: set[str] = set()
     for file in sorted(ROOT.glob(extract_texts.PAGE)):
@@ -73,21 +85,28 @@ def test_page_says_nothing_that_is_not_translated() -> None:
 
 @pytest.mark.parametrize("language", sorted(extract_texts.LANGUAGES))
 def test_every_text_is_translated_and_none_is_left_empty(language: str) -> None:
-    known, texts = extract_texts.translated(extract_texts.LANGUAGES[language]), extract_texts.all_texts()
+    file = extract_texts.LANGUAGES[language]
+    known, texts = extract_texts.translated(file), extract_texts.all_texts()
     assert all(text.strip() for text in known.values())
     kinds = list(texts.values())
     assert kinds.count("label") > 100 and kinds.count("tooltip") > 100
     assert sorted(set(texts) - set(known)) == []
     assert sorted(set(known) - set(texts)) == []
+    said, sentences = extract_texts.translated(file, "sentences"), extract_texts.all_sentences()
+    assert len(sentences) > 50 and set(said) == sentences
+    assert [text for text, own in said.items() if text.count("{}") != own.count("{}") or not own.strip()] == []
 
 
 def test_command_lists_what_is_missing_and_what_is_not_used(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(extract_texts, "all_texts", lambda: {"Cut": "label", "Cut the object": "tooltip"})
-    monkeypatch.setattr(extract_texts, "translated", lambda files: {"Cut": "Schneiden", "Gone": "Weg"})
+    monkeypatch.setattr(extract_texts, "all_sentences", lambda: {"step {} of {}"})
+    parts = {"texts": {"Cut": "Schneiden", "Gone": "Weg"}, "sentences": {"step {} of {}": "Schritt {} von {}"}}
+    monkeypatch.setattr(extract_texts, "translated", lambda file, part: parts[part])
     monkeypatch.setattr(sys, "argv", ["extract_texts.py"])
     assert extract_texts.main() == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "# labels without a translation: 0" in lines and '  "Cut the object": "",' in lines
-    assert lines[-1].strip() == '"Gone"'
+    assert "# texts without a translation: 1" in lines and '  "Cut the object": "",' in lines
+    assert "# sentences without a translation: 0" in lines
+    assert lines[lines.index("# translated texts that are not used any more: 1") + 1].strip() == '"Gone"'

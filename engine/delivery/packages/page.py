@@ -181,7 +181,7 @@ def _data(described: dict[str, Any], framing: Framing) -> dict[str, Any]:
         "radius": framing.radius,
         "up": framing.up,
         "views": [_view(camera) for camera in framing.views],
-        "languages": {language.code: dict(language.texts) for language in languages()},
+        "languages": {language.code: {"texts": dict(language.texts), "sentences": {}} for language in languages()},
     }
 
 

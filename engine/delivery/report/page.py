@@ -77,7 +77,7 @@ def page(facts: dict[str, Any], pictures: Pictures, language: Language) -> str:
         _stages(facts, t),
         _plan(facts, t),
         _photos(facts, t),
-        _left_out(facts, t),
+        _left_out(facts, language),
         _guards(facts, t),
         _record(facts, t),
     )
@@ -266,7 +266,7 @@ def _plan(facts: dict[str, Any], t: Translate) -> Html:
     degree = t("{} of {}", training.get("sh_degree", plan["sh_degree"]), plan["sh_degree"])
     table = [
         (t("training pictures"), f"{plan['width']} x {plan['height']}"),
-        (t("pairs matched"), f"{t(pairs)} {_count(plan['n_pairs'])}".strip()),
+        (t("pairs matched"), f"{t(pairs)} {_count(plan['n_pairs'])}" if plan["n_pairs"] else t(pairs)),
         (t("photos with segments"), _count(plan["n_mask_photos"])),
         (t("maximum number of Gaussians"), _count(plan["max_gaussians"])),
         (t("degree of spherical harmonics"), degree),
@@ -322,14 +322,19 @@ def _memory(value: Any, t: Translate) -> str:
     return f"{value / 1e9:.2f} GB" if isinstance(value, int | float) else t("unknown")
 
 
-def _left_out(facts: dict[str, Any], t: Translate) -> Html:
-    items = [fill("<b>{}</b>: {}.{}", item["what"], item["why"], _saved(item, t)) for item in facts["left_out"]]
+def _left_out(facts: dict[str, Any], language: Language) -> Html:
+    t, said = language.translated, language.said
+    items = [
+        fill("<b>{}</b>: {}.{}", said(item["what"]), said(item["why"]), _saved(item, language))
+        for item in facts["left_out"]
+    ]
     content = (_list("", items, t("Nothing was left out.")), _savings(facts, t))
     return _section(t("What was left out"), joined(content))
 
 
-def _saved(item: dict[str, Any], t: Translate) -> Html:
-    return fill(' <span class="small">{}</span>', t("Saved: {}.", item["saved"])) if item.get("saved") else Html()
+def _saved(item: dict[str, Any], language: Language) -> Html:
+    t, said = language.translated, language.said
+    return fill(' <span class="small">{}</span>', t("Saved: {}.", said(item["saved"]))) if item.get("saved") else Html()
 
 
 def _savings(facts: dict[str, Any], t: Translate) -> Html:

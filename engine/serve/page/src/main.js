@@ -74,7 +74,7 @@ async function chooseLanguage() {
   if (code === language()) return;
   const response = await fetch(`languages/${code}.json`).catch(() => null);
   if (!response?.ok) return; // English is better than nothing.
-  speak(code, (await response.json()).texts);
+  speak(code, await response.json());
   setText(document.getElementById("skip"), t("Skip to the content"));
   document.getElementById("notices").setAttribute("aria-label", t("Messages"));
 }

@@ -126,7 +126,7 @@ def test_report_is_written_in_german_too_with_the_same_pictures_and_names(projec
     for words in (
         "<b>Kugel & Co", "blurred.png", "verwendete Fotos", "PSNR an Testfotos", "27.5 dB (80% der Pixel)",
         "Nicht verwendet", "7 Drehungen der Länge null zurückgesetzt", "Die Szene wird aufgebaut", "Suchwort „ball“",
-        "Übereinstimmung mit seiner Maske 0.95", "Fehler über der Laufzeit",
+        "Übereinstimmung mit seiner Maske 0.95", "Fehler über der Laufzeit", "ein Objektivmodell je Foto",
     ):  # fmt: skip
         assert words in checker.text, words
     assert "Photos" not in checker.text and "Objects" not in checker.text

@@ -5,7 +5,7 @@ import { createObjectCard } from "./object_card.js";
 import { megabytes } from "../format.js";
 import { isActive } from "../jobs.js";
 import { createProgress } from "./progress.js";
-import { t } from "../language.js";
+import { said, t } from "../language.js";
 
 export function createObjects(context, { stage, clicks }) {
   const { id } = context;
@@ -90,7 +90,7 @@ export function createObjects(context, { stage, clicks }) {
     progress.update(isElsewhere || isToldBelow ? null : project.job, isElsewhere ? [] : project.waiting);
     // What was found again adds no card to the list.
     const isDone = project.job?.kind === "segment" && project.job.state === "finished";
-    setText(told, isDone ? t(project.job.message) : "");
+    setText(told, isDone ? said(project.job.message) : "");
     show(told, isDone && Boolean(told.textContent));
     updateRefused(isActive(project.job) ? null : project.not_found, project.objects);
     show(none, project.objects.length === 0);
@@ -150,7 +150,7 @@ export function createObjects(context, { stage, clicks }) {
     refill(
       refused,
       h("h3", null, t("Not found")),
-      ...answer.messages.map((text) => h("p", null, t(text))),
+      ...answer.messages.map((text) => h("p", null, said(text))),
       suggested.length > 0 ? h("div", { class: "row", role: "group", "aria-label": t("Words to try") }, h("span", null, t("Try:")), suggested) : null,
       existing.length > 0 ? h("div", { class: "row", role: "group", "aria-label": t("Objects that exist") }, h("span", null, t("Exists:")), existing) : null,
       answer.offer ? offered(answer.offer) : null,
@@ -158,12 +158,12 @@ export function createObjects(context, { stage, clicks }) {
       h("ul", { class: "candidates" }, candidates.map((one) => candidateItem(one, known, texts.size > 1))),
       action(t(candidates.length > 0 ? "None of these: click it" : "Click it in a photo"), async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
     );
-    announce([t("Not found"), ...answer.messages.map((text) => t(text))].join(". "));
+    announce([t("Not found"), ...answer.messages.map(said)].join(". "));
   }
 
   /** A model that knows more words: to be fetched, stored since the words were refused, or the server's owner fetches it. */
   function offered(offer) {
-    if (offer.refusal) return h("p", null, t(offer.refusal));
+    if (offer.refusal) return h("p", null, said(offer.refusal));
     if (offer.stored) return action(t("Ask again, with the model that knows any word"), () => run({ any_word: true }));
     return action(t("Know any word ({})", megabytes(offer.bytes)), () => knowAnyWord(offer));
   }

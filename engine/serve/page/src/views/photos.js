@@ -4,7 +4,7 @@ import { announce, confirmed, during, h, notify, refill, roving, setText, show }
 import { megabytes, percent } from "../format.js";
 import { createUploads } from "../upload.js";
 import { projectTrash } from "./trash.js";
-import { plural, t } from "../language.js";
+import { plural, said, t } from "../language.js";
 
 const DENSEST = 8; // How many times as many photos of a video as usual can be taken.
 
@@ -155,7 +155,7 @@ export function createPhotos(context) {
       picture,
       removeButton(photo),
       h("p", { class: "name", title: photo.name }, photo.name),
-      photo.accepted === false ? h("p", { class: "problem" }, t(photo.reason || "This photo cannot be used.")) : null,
+      photo.accepted === false ? h("p", { class: "problem" }, photo.reason ? said(photo.reason) : t("This photo cannot be used.")) : null,
     );
   }
 
@@ -171,7 +171,7 @@ export function createPhotos(context) {
     const take = () => startJob(id, { kind: "frames", video: video.name, density: denser }).then(context.refresh);
     const more = h("button", { type: "button", class: "small", onclick: () => during(more, take) }, t(video.stopped ? "Take photos" : "Take more photos"));
     const nothing = video.stopped ? t("Taking photos from it was stopped") : t("No photos taken from it yet");
-    const state = t(video.problem) || (video.n_photos > 0 ? plural(video.n_photos, "{} photo taken from it", "{} photos taken from it") : nothing);
+    const state = said(video.problem) || (video.n_photos > 0 ? plural(video.n_photos, "{} photo taken from it", "{} photos taken from it") : nothing);
     return h(
       "li",
       { class: video.problem ? "video bad" : "video" },

@@ -5,7 +5,7 @@ import { duration, percent, stageText } from "../format.js";
 import { createCurve } from "./curve.js";
 import { isActive, jobName } from "../jobs.js";
 import { createTellMe } from "./tell_me.js";
-import { t } from "../language.js";
+import { said, t } from "../language.js";
 
 const PICTURE_EVERY = 2000; // Milliseconds between live pictures at least.
 
@@ -83,12 +83,12 @@ export function createProgress(context, { compact = false } = {}) {
     show(bar, running);
     setText(stage, running ? `${stageText(session.stages, job.stage)} · ${percent(job.fraction ?? 0)}` : "");
     setText(left, running ? leftText(job) : "");
-    setText(message, t(job.error || job.message) || waitingText(job));
+    setText(message, said(job.error || job.message) || waitingText(job));
     message.className = job.error ? "problem" : "";
     const texts = (job.warnings ?? []).join("\n");
     if (warnings.key !== texts) {
       warnings.key = texts;
-      refill(warnings, ...(job.warnings ?? []).map((text) => h("li", null, t(text))));
+      refill(warnings, ...(job.warnings ?? []).map((text) => h("li", null, said(text))));
     }
     if (!compact) {
       curve.update(job.curve ?? []);

@@ -9,7 +9,7 @@ import { createPhotos } from "./photos.js";
 import { createProgress } from "./progress.js";
 import { createReconstruct } from "./reconstruct.js";
 import { createResult } from "./result.js";
-import { plural, t } from "../language.js";
+import { plural, said, t } from "../language.js";
 
 export async function projectScreen(root, session, id) {
   const read = await getProject(id);
@@ -89,7 +89,7 @@ export async function projectScreen(root, session, id) {
     for (const file of files) show(file, hasScene);
     show(facts, hasScene);
     facts.textContent = hasScene ? sceneFacts(project) : "";
-    health.textContent = t(project.scene?.cameras ?? "");
+    health.textContent = said(project.scene?.cameras ?? "");
     const place = hasScene ? inside : open;
     if (photos.element.parentElement !== place) put(place, photos.element, reconstruct.element);
     show(folded, hasScene);
