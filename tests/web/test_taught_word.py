@@ -28,7 +28,7 @@ def rooms(browser: Browser, tmp_path: Path) -> Iterator[tuple[Page, list[str]]]:
     for number, name in enumerate(names):
         folder = tmp_path / "users" / "local" / "projects" / f"{number:012}"
         unpack_room(ROOT / KEPT_FOLDER / f"{name}.tar.xz", folder)
-        described = {"title": f"Treasury {number + 1}", "created": "2026-01-01T00:00:00+00:00"}
+        described = {"title": f"Room {number + 1}", "created": "2026-01-01T00:00:00+00:00"}
         (folder / "info.json").write_text(json.dumps(described), encoding="utf-8")
     with serving(tmp_path) as address, browser.new_page(viewport={"width": 1280, "height": 900}) as page:
         yield page, [f"{address}#/projects/{number:012}" for number in range(len(names))]
@@ -52,7 +52,7 @@ def test_word_taught_by_a_clicked_object_finds_the_like_in_another_room(rooms: t
     dialog.get_by_role("button", name="Done").click()
     expect(card(page, WORD)).to_be_visible(timeout=RUN_MS)
     page.goto(second)
-    expect(page.get_by_role("heading", name="Treasury 2")).to_be_visible()
+    expect(page.get_by_role("heading", name="Room 2")).to_be_visible()
     wait_for_scene(page)
     page.get_by_label("Learn my words").check()
     isolate(page, WORD)
