@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from studio import shoot
-from studio.phone import save_ids
+from studio.phone import Phone, save_ids
 from studio.stage import lamp, sky
 from studio.views import useful_order
 
@@ -42,53 +42,56 @@ def main(description: str | None) -> int:
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seed", type=int, required=True, help="what the room is drawn from; not negative")
     parser.add_argument("--out", type=Path, required=True, help="folder for photos/, truth/ and cameras/")
+    parser.add_argument("--scale", type=int, default=1, help="times the size of the photos (default: 1)")
     arguments = parser.parse_args()
     if arguments.seed < 0:
         parser.error("--seed must not be negative")
+    if arguments.scale < 1:
+        parser.error(f"--scale must be at least 1, got {arguments.scale}")
     try:
-        make_room(arguments.seed, arguments.out)
+        make_room(arguments.seed, arguments.out, PHONE.scaled(arguments.scale))
     except (OtherRoomError, RoomError) as error:
         parser.error(str(error))
     return 0
 
 
-def make_room(seed: int, out: Path) -> None:
-    """Create the missing files of a room.
+def make_room(seed: int, out: Path, phone: Phone) -> None:
+    """Create the missing files of a room. Which layout is accepted does not depend on the size of its photos.
 
     Raises
     ------
     OtherRoomError
-        When the folder holds another room.
+        When the folder holds another room, or photos of another size.
     RoomError
         When no room was found for the seed.
     """
     attempt = accepted_attempt(out, seed)
-    if attempt is not None and is_complete(out):
-        print(f"{out} is complete.")
-        return
     photos, masks = shoot.prepare_folders(out)
     plan, ids = (draw_room(seed, attempt), None) if attempt is not None else _accepted(seed)
     truth = out / "truth"
     try:
-        shoot.write_truth(plan.views, plan.named(), PHONE, truth)
+        shoot.write_truth(plan.views, plan.named(), phone, truth)
     except FileExistsError as error:
         raise OtherRoomError(f"{error}.") from error
+    if attempt is not None and is_complete(out):
+        print(f"{out} is complete.")
+        return
     shoot.write_json(truth / "absent.json", list(plan.absent))
     (out / "cameras").mkdir(exist_ok=True)
-    for name, text in model_files(plan.views, PHONE).items():
+    for name, text in model_files(plan.views, phone).items():
         shoot.write_text(out / "cameras" / name, text)
     shoot.write_json(truth / ROOM_FILE, {"seed": seed, "attempt": plan.attempt})
-    if ids is None:
-        build(plan)
+    if ids is None or phone != PHONE:
+        build(plan, phone)
         with shoot.mask_rendering():
             ids = {
-                view.name: shoot.render_ids(view, PHONE)
+                view.name: shoot.render_ids(view, phone)
                 for view in plan.views
                 if not (masks / f"{view.name}.png").exists()
             }
     for name, picture in ids.items():
         save_ids(picture, masks / f"{name}.png")
-    _take_photos(plan, photos)
+    _take_photos(plan, photos, phone)
 
 
 def _accepted(seed: int) -> tuple[RoomPlan, dict[str, np.ndarray]]:
@@ -112,8 +115,8 @@ def seen_too_little(plan: RoomPlan, ids: dict[str, np.ndarray]) -> list[str]:
     return [one.name for k, one in enumerate(plan.exhibits, start=1) if seen[k] < SEEN_PHOTOS]
 
 
-def build(plan: RoomPlan) -> None:
-    """Build a room in an empty scene."""
+def build(plan: RoomPlan, phone: Phone = PHONE) -> None:
+    """Build a room in an empty scene, seen by `phone`."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     workshop = Workshop()
     workshop.build(plan.shell, "Room", (0.0, 0.0, 0.0), 0.0, 0)
@@ -123,10 +126,10 @@ def build(plan: RoomPlan) -> None:
     sky(*plan.sky)
     for k, one in enumerate(plan.lamps):
         lamp(f"Lamp {k}", one.where, one.aim, one.wide, one.tall, one.watts, one.colour)
-    shoot.camera(PHONE)
+    shoot.camera(phone)
 
 
-def _take_photos(plan: RoomPlan, photos: Path) -> None:
+def _take_photos(plan: RoomPlan, photos: Path, phone: Phone) -> None:
     shoot.setup_photos(SAMPLES, bounces=1)
     order = useful_order(len(plan.views))
     for done, index in enumerate(order, start=1):
@@ -134,6 +137,6 @@ def _take_photos(plan: RoomPlan, photos: Path) -> None:
         if not path.exists():
             started = time.perf_counter()
             seed = new_seed(generator(plan.seed, "render", index))
-            pixels = shoot.render_photo(plan.views[index], PHONE, seed, (plan.seed, index))
-            PHONE.save_photo(pixels, path, f"Random room {plan.seed}, synthetic, CC0")
+            pixels = shoot.render_photo(plan.views[index], phone, seed, (plan.seed, index))
+            phone.save_photo(pixels, path, f"Random room {plan.seed}, synthetic, CC0")
             print(f"{path.name} {done}/{len(order)} {time.perf_counter() - started:.1f} s", flush=True)

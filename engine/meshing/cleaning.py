@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ..core.arrays import Float32, Float64, Int32, Int64, Mask
 from ..core.errors import ObjectError
@@ -12,8 +13,9 @@ from ..core.errors import ObjectError
 _MIN_PART = 0.02
 """Area of a separate part, relative to that of the largest one, below which it is a floater."""
 
-_SMALL_HOLE = 0.06
-"""Largest extent of a hole that is closed without being asked for, as a share of the object's diagonal."""
+_NARROW_HOLE = 0.05  # chosen on room_1
+"""Largest distance from the seen surface in a hole that is closed without being asked for, as a share of the object's
+diagonal. A slit is closed however long it is."""
 
 _SEPARATION, _SEPARATIONS = 0.05, 8
 """Share of the way to their neighbours by which vertices at the same place are moved, and how often at most."""
@@ -52,7 +54,7 @@ def main_parts(vertices: Float64, faces: Int32, seen: Mask) -> Mask:
 
 
 def kept_faces(vertices: Float64, faces: Int32, seen: Mask, *, watertight: bool) -> Mask:
-    """Return which triangles are kept, [F]: the seen ones, and those that close small holes, or all holes.
+    """Return which triangles are kept, [F]: the seen ones, and those that close narrow holes, or all holes.
 
     Parameters
     ----------
@@ -66,13 +68,12 @@ def kept_faces(vertices: Float64, faces: Int32, seen: Mask, *, watertight: bool)
         return kept
     filling = np.flatnonzero(kept & ~seen)
     patches = _parts(faces[filling], len(vertices))
-    low, high = (np.full((int(patches.max(initial=-1)) + 1, 3), value) for value in (np.inf, -np.inf))
-    for k in range(3):
-        np.minimum.at(low, patches, vertices[faces[filling, k]])
-        np.maximum.at(high, patches, vertices[faces[filling, k]])
-    diagonal = np.linalg.norm(np.ptp(vertices[np.unique(faces[kept & seen])], axis=0))
-    large = np.linalg.norm(high - low, axis=1) > _SMALL_HOLE * diagonal
-    kept[filling[large[patches]]] = False
+    around = vertices[np.unique(faces[kept & seen])]
+    distances, _ = cKDTree(around).query(vertices[faces[filling]].mean(axis=1))
+    farthest = np.zeros(int(patches.max(initial=-1)) + 1)
+    np.maximum.at(farthest, patches, distances)
+    wide = farthest > _NARROW_HOLE * np.linalg.norm(np.ptp(around, axis=0))
+    kept[filling[wide[patches]]] = False
     return kept
 
 

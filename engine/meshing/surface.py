@@ -21,6 +21,8 @@ divide their common side in the same way."""
 _MIN_ABSOLUTE = 1e-4
 """Smallest value of a corner, so that no two places of the surface coincide."""
 
+_NEARLY = 0.5
+
 
 def extract_surface(field: Field) -> tuple[Float64, Int32, Mask]:
     """Return vertices, triangles, and which vertices lie where photos measured.
@@ -60,7 +62,9 @@ def extract_surface(field: Field) -> tuple[Float64, Int32, Mask]:
     places = [np.column_stack(np.unravel_index(one, values.shape)).astype(np.float64) for one in (a, b)]
     vertices = field.places(places[0] * (1 - share) + places[1] * share)
     known = field.seen.reshape(-1)
-    return vertices, numbers.reshape(-1, 3).astype(np.int32), known[a] & known[b]
+    near = np.where(known[a], np.abs(flat[a]), np.abs(flat[b])) < _NEARLY
+    seen = (known[a] & known[b]) | ((known[a] | known[b]) & near)
+    return vertices, numbers.reshape(-1, 3).astype(np.int32), seen
 
 
 def _is_odd(tetrahedron: np.ndarray) -> bool:
