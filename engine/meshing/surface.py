@@ -21,7 +21,7 @@ divide their common side in the same way."""
 _MIN_ABSOLUTE = 1e-4
 """Smallest value of a corner, so that no two places of the surface coincide."""
 
-_NEARLY = 0.5
+_NEARLY = 0.25
 
 
 def extract_surface(field: Field) -> tuple[Float64, Int32, Mask]:

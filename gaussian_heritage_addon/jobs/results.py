@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 
 from ...engine.core.errors import EnvironmentProblem, ProjectError
+from ...engine.core.files import delete_derived
 from ...engine.project.refused_prompts import dismiss
 from ...engine.workers.jobs import Job, JobState
 from ..project.hand_edits import was_edited_meanwhile
@@ -102,6 +103,8 @@ def _import_mesh(project: Path, state: JobState, scene: bpy.types.Scene) -> None
     if obj is None:
         raise ProjectError(f"The object {object_id} is no longer in this scene; its mesh is in {file}.")
     add_mesh(obj, Path(file))
+    # Blender has it now, so that what is deleted there leaves nothing behind.
+    delete_derived(project, "meshes", Path(file).name)
     # Blender's importer selects what it made, which is no object of the list.
     set_active_object(scene, obj)
 

@@ -19,7 +19,7 @@ _IMPORTER = "io_scene_gltf2"
 
 
 def mesh_file(project: Path, object_id: str) -> Path:
-    """Return where the mesh of an object is kept."""
+    """Return where the engine writes the mesh of an object, until Blender has read it."""
     return path_within(project, "meshes", f"{object_id}.glb")
 
 

@@ -75,7 +75,10 @@ def test_mesh_is_asked_of_the_engine_and_stands_where_the_splats_stand(
     splats.location.x += 5
     bpy.context.view_layer.update()
     np.testing.assert_allclose(corners(mesh)[:, 0], np.array(sorted(map(tuple, expected)))[:, 0] + 5, atol=1e-3)
+    # Blender has it: nothing is left in the project that a deletion in Blender would forget.
+    assert not file.exists()
     # A second mesh replaces the first one.
+    write_pyramid(part, file)
     assert bpy.ops.heritage.make_mesh() == {"FINISHED"}
     assert len([one for one in splats.children if one.name.startswith("Vase mesh")]) == 1
 
@@ -119,12 +122,15 @@ def mesh_of(name: str) -> bpy.types.Object:
     return mesh
 
 
-def test_saved_mesh_keeps_its_texture_and_is_replaced_after_reopening(meshed: Any, tmp_path: Path) -> None:
+def test_saved_mesh_keeps_its_texture_and_is_replaced_after_reopening(
+    meshed: Any, opened: Any, part: Part, tmp_path: Path
+) -> None:
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "room.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "room.blend"))
     materials = mesh_of("Vase").data.materials
     (image,) = {node.image for one in materials for node in one.node_tree.nodes if node.type == "TEX_IMAGE"}
     assert image.packed_file is not None and tuple(image.size) == (2, 2)
+    write_pyramid(part, part("gaussian_heritage_addon.project.object_mesh").mesh_file(Path(opened.folder), "vase"))
     bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
     assert bpy.ops.heritage.make_mesh() == {"FINISHED"}
     assert mesh_of("Vase").name == "Vase mesh"
