@@ -16,13 +16,15 @@ PRESET ?= standard
 FUZZ_S ?= 600
 DRAW ?=
 SETS ?=
+MONSTREE ?=
 RUNS ?=
 SYSTEM ?=
 PYTHON_VERSION ?=
+EXHIBITS := vase;teapot;obelisk;shield;hourglass;mask;goblet;bell;flowerpot;drum
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
+.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-detail bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
 
 help: ## what can be made
 	@awk 'BEGIN {FS = ":.*## "} /^##@ / {print "\n" substr($$0, 5)} \
@@ -160,6 +162,17 @@ bench-blender: setup ## import, redraw, sliders and pictures in Blender, into do
 		--no-objects --preset preview --until training
 	$(ENGINE) -m benchmarks.blender --museum out/museum_room/project --statue out/sakharov_statue32/project \
 		--doc docs/blender_speed.md
+
+bench-detail: setup ## detail of objects at the photos' own size, into docs/detail.md; needs `make demo`; MONSTREE=folder of its photos; resumable; 3 hours
+	$(BLENDER) demo/museum_room/make_photos.py --scale 2 --out out/museum_room_large
+	$(ENGINE) -m engine reconstruct out/museum_room_large/photos --out out/museum_room_large/project --device cpu \
+		--prompt "$(EXHIBITS)"
+ifneq ($(MONSTREE),)
+	$(ENGINE) -m engine reconstruct "$(MONSTREE)" --out out/monstree/project --device cpu --no-objects
+	$(ENGINE) -m engine segment out/monstree/project --box IMG_1028.JPG=465,610,3240,2940 --name face
+endif
+	$(ENGINE) -m benchmarks.own_size --project out/museum_room/project --project out/museum_room_large/project \
+		$(if $(MONSTREE),--project out/monstree/project) --doc docs/detail.md
 
 bench-meshes: setup ## meshes of the exhibits of generated rooms beside true ones, into docs/meshes.md; ROOMS="out/rooms/room_1 ..."; a minute an object
 	$(ENGINE) -m benchmarks.meshes $(ROOMS) --work out/meshes --doc docs/meshes.md --picture docs/pictures/meshes.jpg \

@@ -49,7 +49,7 @@ _MIN_PIXELS = 300
 _OCCLUDER_DISTANCE = 0.25
 """How much closer to the camera the scene must be to count as an occluder, as a fraction of the object's radius."""
 
-_NOTICED = 0.05
+NOTICED = 0.05
 """Smallest change of PSNR, in dB, that counts as a rise or a fall: smaller ones are not seen in the table."""
 
 EDGE_WIDTH = 2
@@ -169,7 +169,7 @@ def table_of_exhibits(before: Mapping[str, Figures], after: Mapping[str, Figures
 def summary(before: Mapping[str, Figures], after: Mapping[str, Figures]) -> str:
     """Return sentences that say for how many exhibits detail helps and for how many it harms."""
     gains = {name: after[name].psnr - before[name].psnr for name in before}
-    rises, falls = (sum(sign * gain >= _NOTICED for gain in gains.values()) for sign in (1, -1))
+    rises, falls = (sum(sign * gain >= NOTICED for gain in gains.values()) for sign in (1, -1))
     best, worst = max(gains, key=lambda name: gains[name]), min(gains, key=lambda name: gains[name])
     clearer, tighter = (
         sum(getattr(after[name], figure) < getattr(before[name], figure) for name in before)
