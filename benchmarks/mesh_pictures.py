@@ -18,9 +18,14 @@ def draw_mesh(
 
     `finer` rows and columns are drawn for each of the picture, and averaged: a pixel of a photo shows an area.
     """
-    height, width, K = camera.height, camera.width, camera.K * np.array([[finer], [finer], [1]])
-    picture = _drawn(mesh, replace(camera, K=K, width=finer * width, height=finer * height), background)
-    return picture.reshape(height, finer, width, finer, 3).mean(axis=(1, 3))
+    picture = _drawn(mesh, enlarged(camera, finer), background)
+    return picture.reshape(camera.height, finer, camera.width, finer, 3).mean(axis=(1, 3))
+
+
+def enlarged(camera: PinholeCamera, factor: int) -> PinholeCamera:
+    """Return the camera with `factor` times as many rows and columns."""
+    K = camera.K * np.array([[factor], [factor], [1]])
+    return replace(camera, K=K, width=factor * camera.width, height=factor * camera.height)
 
 
 def draw_shape(mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float]) -> np.ndarray:

@@ -44,7 +44,7 @@ from engine.scene import Camera, CameraSet, Gaussians, Mesh, PinholeCamera, read
 from engine.training import load_gaussians
 
 from .documents import print_table
-from .mesh_pictures import draw_mesh, draw_shape
+from .mesh_pictures import draw_mesh, draw_shape, enlarged
 
 _POINTS = 30_000
 """Points of a surface that distances are measured at."""
@@ -277,12 +277,14 @@ class Case:
                 continue
             frame = training_pinhole(camera, max_side=480)
             mask = undistort(self._mask(camera).astype(np.float32), camera, frame, interpolation="linear") > 0.5
-            depth = mesh_depth(frame, true, faces)
+            depth = mesh_depth(enlarged(frame, _FINER), true, faces)
             rows, pixels, depths = frame.project(points)
             x, y = pixels.astype(int).T
-            tolerance = 2 * depths / frame.K[0, 0]
+            column, row = (_FINER * pixels).astype(int).T
+            # Half a pixel: more would count the far side of a thin wall.
+            tolerance = depths / (2 * frame.K[0, 0])
             facing = np.abs(((frame.center - points[rows]) * normals[rows]).sum(axis=1)) > 0.1 * depths
-            seen[rows[mask[y, x] & (depths < depth[y, x] + tolerance) & facing]] = True
+            seen[rows[mask[y, x] & (depths < depth[row, column] + tolerance) & facing]] = True
         return points[seen]
 
     def _exact_maps(self, maps: Sequence[DepthMap], true: np.ndarray, faces: np.ndarray) -> Iterator[DepthMap]:
