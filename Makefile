@@ -168,7 +168,7 @@ bench-detail: setup ## detail of objects at the photos' own size, into docs/deta
 	$(ENGINE) -m engine reconstruct out/museum_room_large/photos --out out/museum_room_large/project --device cpu \
 		--prompt "$(EXHIBITS)"
 ifneq ($(MONSTREE),)
-	$(ENGINE) -m engine reconstruct "$(MONSTREE)" --out out/monstree/project --device cpu --no-objects
+	$(ENGINE) -m engine reconstruct "$(MONSTREE)" --out out/monstree/project --device cpu
 	$(ENGINE) -m engine segment out/monstree/project --box IMG_1028.JPG=465,610,3240,2940 --name face
 endif
 	$(ENGINE) -m benchmarks.own_size --project out/museum_room/project --project out/museum_room_large/project \
