@@ -138,7 +138,8 @@ def _prepare_rooms(options: argparse.Namespace) -> None:
             cameras = read_camera_set(room / "project" / "cameras")
             views = load_views(room / "photos", cameras, {}, PRESETS["standard"])
             write_views(options.out / f"{name}.npz", cameras, views)
-            write_views(options.out / _TRUE / f"{name}.npz", cameras, true_views(room, cameras))
+            trained = [view.pinhole for view in views if not view.held_out]
+            write_views(options.out / _TRUE / f"{name}.npz", cameras, true_views(room, cameras, trained))
 
 
 def _prepare_gallery(options: argparse.Namespace) -> None:
@@ -235,8 +236,7 @@ def _run(
     curve = [asdict(point) for point in result.curve]
     figures = {**result.figures, "curve": curve, "total": time.perf_counter() - begun}
     if true:
-        photos = [view for view in views if not view.held_out]
-        off_path = off_path_figures(result.gaussians, true, photos, backend=settings.backend)
+        off_path = off_path_figures(result.gaussians, true, backend=settings.backend)
         figures |= {"off_path": asdict(off_path), "needles": needles(result.gaussians)}
     return figures
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from engine.rasterizer.settings import Backend
 from engine.scene import Gaussians
-from engine.training import WELL_SEEN, Coverage, Parameters, TrainingView
+from engine.training import Parameters, TrainingView
 from engine.training.held_out import image_quality, render_picture
 from engine.training.settings import FeatureSettings
 from engine.training.trials import brightness_factors
@@ -42,31 +42,25 @@ class OffPath:
         return (self.near + self.far + self.above) / 3
 
 
-def off_path_figures(
-    gaussians: Gaussians, views: Sequence[TrainingView], trained: Sequence[TrainingView], *, backend: Backend = "cpu"
-) -> OffPath:
-    """Return the PSNR of Gaussians in the pixels of some views that show what at least three training photos see.
+def off_path_figures(gaussians: Gaussians, views: Sequence[TrainingView], *, backend: Backend = "cpu") -> OffPath:
+    """Return the PSNR of Gaussians in the valid pixels of some views, which are those that enough photos determine.
 
     Parameters
     ----------
     gaussians : Gaussians
     views : sequence of TrainingView
         From `off_path_views.true_views`.
-    trained : sequence of TrainingView
-        The training photos.
     backend : {"cpu", "gpu"}
     """
     values = Parameters.from_gaussians(gaussians, sh_degree=gaussians.sh_degree, features=False).values
-    coverage = Coverage(values, [view.pinhole for view in trained], backend=backend)
     pyramid = ViewPyramid(views, FeatureSettings())
     found: dict[str, list[float]] = {kind: [] for kind in KINDS}
     for number, view in enumerate(views):
         level = pyramid.level(number, 0)
         picture = render_picture(values, level, backend=backend, sh_degree=gaussians.sh_degree)
         fitted = picture * brightness_factors(picture, level)
-        seen = coverage.counts(level.camera) >= WELL_SEEN
-        if seen.any():
-            found[view.photo.split("_")[0]].append(image_quality(fitted, level.pixels, seen).psnr)
+        if level.valid is None or level.valid.any():
+            found[view.photo.split("_")[0]].append(image_quality(fitted, level.pixels, level.valid).psnr)
     return OffPath(*(float(np.mean(found[kind])) if found[kind] else float("nan") for kind in KINDS))
 
 

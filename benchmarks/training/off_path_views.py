@@ -10,8 +10,9 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -21,7 +22,7 @@ from engine.cameras.normalise import normalised_viewmat
 from engine.core.arrays import Float64
 from engine.objects.views import spread_cameras
 from engine.scene import Camera, CameraSet, PinholeCamera
-from engine.training import TrainingView
+from engine.training import WELL_SEEN, TrainingView
 
 from .off_path import KINDS
 
@@ -41,8 +42,10 @@ _MIDDLE = 0.25
 """Points within this part of the picture's sides around its middle are what the photo shows there."""
 
 
-def true_views(room: Path, camera_set: CameraSet) -> list[TrainingView]:
+def true_views(room: Path, camera_set: CameraSet, photos: Sequence[PinholeCamera]) -> list[TrainingView]:
     """Return the views of a room that no photo has, with Blender's pictures, in the world of `camera_set`.
+
+    Their valid pixels show what at least `WELL_SEEN` of the photos see, by the true surfaces.
 
     Parameters
     ----------
@@ -50,6 +53,8 @@ def true_views(room: Path, camera_set: CameraSet) -> list[TrainingView]:
         With ``truth/room.json``.
     camera_set : CameraSet
         Of a project of the room, with sparse points.
+    photos : sequence of PinholeCamera
+        The training photos.
     """
     made = json.loads((room / "truth" / "room.json").read_text(encoding="utf-8"))
     to_room = camera_set.original_from_world
@@ -61,6 +66,7 @@ def true_views(room: Path, camera_set: CameraSet) -> list[TrainingView]:
     with tempfile.TemporaryDirectory() as folder:
         file, out = Path(folder) / "cameras.json", Path(folder) / "views"
         cameras = {"width": _WIDTH, "height": _HEIGHT, "focal": _FOCAL, "views": wanted}
+        cameras["photos"] = [_in_room(photo, to_room) for photo in photos]
         file.write_text(json.dumps(cameras), encoding="utf-8")
         script = ROOT / "demo" / "random_rooms" / "make_views.py"
         command = [str(one) for one in (python_of("blender-4.5"), script, "--cameras", file, "--out", out)]
@@ -71,9 +77,15 @@ def true_views(room: Path, camera_set: CameraSet) -> list[TrainingView]:
             TrainingView(
                 name, PinholeCamera(normalised_viewmat(np.array(viewmat), to_room), K, _WIDTH, _HEIGHT),
                 np.asarray(Image.open(out / f"{name}.png")), None, True,
+                np.asarray(Image.open(out / f"{name}_photos.png")) >= WELL_SEEN,
             )
             for name, viewmat in found.items()
         ]  # fmt: skip
+
+
+def _in_room(photo: PinholeCamera, to_room: Float64) -> dict[str, Any]:
+    viewmat = normalised_viewmat(photo.viewmat, np.linalg.inv(to_room))
+    return {"viewmat": viewmat.tolist(), "K": photo.K.tolist(), "width": photo.width, "height": photo.height}
 
 
 def _wanted(camera_set: CameraSet) -> Iterator[tuple[str, dict[str, Float64]]]:

@@ -42,7 +42,8 @@ def views_of_a_set() -> tuple[CameraSet, list[TrainingView]]:
         viewmat = np.eye(4)
         viewmat[2, 3] = 4.0 + i
         ramp = np.linspace(20 * i, 200, 24 * 32).reshape(24, 32, 1).repeat(3, axis=2).astype(np.uint8)
-        views.append(TrainingView(f"{i}.jpg", PinholeCamera(viewmat, K, 32, 24), ramp, None, i == 1))
+        valid = ramp[..., 0] > 50 if i == 2 else None
+        views.append(TrainingView(f"{i}.jpg", PinholeCamera(viewmat, K, 32, 24), ramp, None, i == 1, valid))
     return cameras, views
 
 
@@ -58,6 +59,7 @@ def test_views_are_read_as_they_were_written(tmp_path: Path) -> None:
         np.testing.assert_array_equal(after.pinhole.viewmat, before.pinhole.viewmat)
         np.testing.assert_array_equal(after.pinhole.K, before.pinhole.K)
         assert np.abs(after.pixels.astype(int) - before.pixels).max() <= 3
+        np.testing.assert_array_equal(after.valid, before.valid)
 
 
 def test_a_damaged_file_of_views_is_one_sentence(tmp_path: Path) -> None:

@@ -24,8 +24,8 @@ _ARRAYS = {
     "picture_ends": ArraySpec("int64", ("v",)),
     "pictures": ArraySpec("uint8", (-1,)),
 }
-_LABELS = {"labels.*": ArraySpec("uint16", (-1, -1))}
-"""Segments of the views that have any, by their number."""
+_OPTIONAL = {"labels.*": ArraySpec("uint16", (-1, -1)), "valid.*": ArraySpec("bool", (-1, -1))}
+"""Segments and masks of the views that have any, by their number."""
 _ADVICE = "Make it again with `python -m benchmarks.training.screening prepare`."
 
 
@@ -38,10 +38,10 @@ def write_views(file: Path, cameras: CameraSet, views: list[TrainingView]) -> No
         NPZ file.
     cameras : CameraSet
     views : list of TrainingView
-        Without masks.
     """
     pictures = []
     labels = {f"labels.{i}": view.labels.astype(np.uint16) for i, view in enumerate(views) if view.labels is not None}
+    masks = {f"valid.{i}": view.valid for i, view in enumerate(views) if view.valid is not None}
     for view in views:
         stream = io.BytesIO()
         Image.fromarray(view.pixels).save(stream, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
@@ -50,6 +50,7 @@ def write_views(file: Path, cameras: CameraSet, views: list[TrainingView]) -> No
         np.savez_compressed(
             out,
             **labels,
+            **masks,
             points=cameras.points,
             point_colors=cameras.point_colors,
             viewmats=np.stack([view.pinhole.viewmat for view in views]),
@@ -69,13 +70,14 @@ def read_views(file: Path) -> tuple[CameraSet, list[TrainingView]]:
     FormatError
         When the file cannot be read.
     """
-    arrays = read_arrays(file, _ARRAYS, optional=_LABELS, advice=_ADVICE)
+    arrays = read_arrays(file, _ARRAYS, optional=_OPTIONAL, advice=_ADVICE)
     cameras = CameraSet((), (), arrays["points"], arrays["point_colors"], float("nan"), np.eye(4), False)
     views, begin = [], 0
     for i, end in enumerate(arrays["picture_ends"]):
         pixels = np.array(Image.open(io.BytesIO(arrays["pictures"][begin:end].tobytes())))
         pinhole = PinholeCamera(arrays["viewmats"][i], arrays["intrinsics"][i], pixels.shape[1], pixels.shape[0])
         labels = arrays[f"labels.{i}"].astype(np.int32) if f"labels.{i}" in arrays else None
-        views.append(TrainingView(str(arrays["photos"][i]), pinhole, pixels, labels, bool(arrays["held_out"][i])))
+        name, held_out = str(arrays["photos"][i]), bool(arrays["held_out"][i])
+        views.append(TrainingView(name, pinhole, pixels, labels, held_out, arrays.get(f"valid.{i}")))
         begin = end
     return cameras, views
