@@ -43,6 +43,9 @@ TEST_PHOTOS = "test photos"
 _MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
 """Least number of times that a trial trains on each photo."""
 
+_READ_BY_STRATEGY = {"grow_factor": "opacity", "full_by": "mixed"}
+"""Settings that only one ``growth_strategy`` reads."""
+
 _FEW_PHOTOS_SH_DEGREE = 3  # chosen on herz_jesus25, meeting_place9, banana16, room_6, room_8
 _FEW_PHOTOS_DROPOUT = 0.15  # chosen on herz_jesus25, meeting_place9, banana16, room_6, room_8
 """``sh_degree`` and ``dropout`` with fewer than `MIN_PHOTOS_TO_CHOOSE` training photos."""
@@ -196,6 +199,10 @@ class GrowthSettings:
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         factors = f"between 1 and {MAX_GROW_FACTOR:g}"
         require(self, "grow_factor", 1 <= self.grow_factor <= MAX_GROW_FACTOR, factors)
+        for name, strategy in _READ_BY_STRATEGY.items():
+            unchanged = getattr(self, name) == getattr(GrowthSettings, name)
+            needed = f"left as it is: only growth_strategy={strategy} reads it"
+            require(self, name, self.growth_strategy == strategy or unchanged, needed)
         require(self, "kept", 0 < self.kept <= 1, "above 0 and at most 1")
         require_at_least(self, 0, "noise")
 

@@ -34,6 +34,22 @@ def test_changed_value_out_of_bounds_names_the_field() -> None:
         STANDARD.changed(max_gaussians=0)
 
 
+@pytest.mark.parametrize(
+    ("changes", "strategy"),
+    [({"grow_factor": 1.3}, "opacity"), ({"growth_strategy": "opacity", "full_by": 0.4}, "mixed")],
+)
+def test_a_setting_that_the_strategy_of_growth_does_not_read_is_refused(
+    changes: dict[str, object], strategy: str
+) -> None:
+    with pytest.raises(SettingsError, match=f"left as it is: only growth_strategy={strategy} reads it"):
+        STANDARD.changed(**changes)
+
+
+def test_a_setting_that_the_strategy_of_growth_reads_is_changed() -> None:
+    assert STANDARD.changed(growth_strategy="opacity", grow_factor=1.3).growth.grow_factor == 1.3
+    assert STANDARD.changed(full_by=0.4).growth.full_by == 0.4
+
+
 def test_names_differ_over_all_groups() -> None:
     """`changed` finds a setting by its name alone, and ``project.json`` stores all of them side by side."""
     names: Counter[str] = Counter()
