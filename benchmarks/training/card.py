@@ -24,19 +24,20 @@ from __future__ import annotations
 import argparse
 import ast
 import hashlib
+import multiprocessing
 import statistics
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from engine.core.errors import HeritageError
+from engine.core.errors import HeritageError, SettingsError
 from engine.core.events import ignore_events, never_stop
 from engine.core.files import atomic_write, read_json, write_json
 from engine.core.system import usable_cores
@@ -93,6 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.add_argument("--only", default="", help="files whose names begin like this")
     one.add_argument("--seeds", default="0", help="(default: %(default)s)")
     one.add_argument("--backend", default="gpu", choices=("gpu", "cpu", GSPLAT))
+    one.add_argument("--jobs", type=int, default=1, help="trainings at a time, whose seconds then say nothing")
     one.set_defaults(run=_train)
     one = commands.add_parser("document", help="put a table of results into a document")
     one.add_argument("results", type=Path)
@@ -149,39 +151,70 @@ def _prepare_gallery(options: argparse.Namespace) -> None:
 
 
 def _train(options: argparse.Namespace) -> None:
+    if options.jobs < 1:
+        raise SettingsError(f"--jobs must be at least 1, got {options.jobs}.")
     results = options.views / "results"
     results.mkdir(exist_ok=True)
-    first = 0.0
-    for file in sorted(options.views.glob(f"{options.only}*.npz")):
-        cameras, views = read_views(file)
-        true_file = options.views / _TRUE / file.name
-        true = read_views(true_file)[1] if true_file.exists() else []
-        for run in options.runs.split(","):
-            # What gsplat trains is measured on the processor.
-            run_with: Callable[..., dict[str, Any]]
-            run_with, name, backend = (
-                (_run_gsplat, f"{GSPLAT}:{run}", "cpu")
-                if options.backend == GSPLAT
-                else (partial(_run, true=true), run_name(run, options.backend), options.backend)
-            )
-            for seed in map(int, options.seeds.split(",")):
-                out = results / f"{file.stem}-{_file_name(name)}-{seed}.json"
-                if out.exists():
-                    continue
-                settings = run_settings(run, seed, views, backend)
-                if not first:
-                    # The first run of a process compiles kernels: steps of the same kind do it before the clock runs.
-                    few = settings.changed(steps=12, sh_interval=4, regularisation_interval=5, coarse_levels=0)
-                    begun = time.perf_counter()
-                    run_with(cameras, views, few)
-                    first = time.perf_counter() - begun
-                figures = run_with(cameras, views, settings)
-                write_json(out, {"set": file.stem, "run": name, "seed": seed, "first": first, "figures": figures})
-                sys.stderr.write(
-                    f"{out.stem}: {figures['psnr']:.2f} dB, fitted {figures['fitted_psnr']:.2f}, "
-                    f"{figures['wall_seconds']:.1f} s, {figures['n_gaussians']} Gaussians, first {first:.1f} s, "
-                    f"{figures['total']:.1f} s in all\n"
-                )
+    jobs = [
+        _Job(file, run, seed, options.backend, results)
+        for file in sorted(options.views.glob(f"{options.only}*.npz"))
+        for run in options.runs.split(",")
+        for seed in map(int, options.seeds.split(","))
+    ]
+    missing = [job for job in jobs if not job.out.exists()]
+    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
+        for line in pool.imap_unordered(_measure, missing):
+            sys.stderr.write(line)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One training: the file of its views, its run and seed, what trains it, and the folder for its figures."""
+
+    file: Path
+    run: str
+    seed: int
+    backend: str
+    results: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the run in tables."""
+        return f"{GSPLAT}:{self.run}" if self.backend == GSPLAT else run_name(self.run, self.backend)
+
+    @property
+    def out(self) -> Path:
+        """File for the figures."""
+        return self.results / f"{self.file.stem}-{_file_name(self.name)}-{self.seed}.json"
+
+
+_first_seconds: list[float] = []
+"""Time of the first steps of this process, once they are made."""
+
+
+def _measure(job: _Job) -> str:
+    """Train, write the figures, and return them as a line."""
+    cameras, views = read_views(job.file)
+    true_file = job.file.parent / _TRUE / job.file.name
+    true = read_views(true_file)[1] if true_file.exists() else []
+    # What gsplat trains is measured on the processor.
+    backend = "cpu" if job.backend == GSPLAT else job.backend
+    run_with: Callable[..., dict[str, Any]] = _run_gsplat if job.backend == GSPLAT else partial(_run, true=true)
+    settings = run_settings(job.run, job.seed, views, backend)
+    if not _first_seconds:
+        # The first run of a process compiles kernels: steps of the same kind do it before the clock runs.
+        few = settings.changed(steps=12, sh_interval=4, regularisation_interval=5, coarse_levels=0)
+        begun = time.perf_counter()
+        run_with(cameras, views, few)
+        _first_seconds.append(time.perf_counter() - begun)
+    figures, first = run_with(cameras, views, settings), _first_seconds[0]
+    content = {"set": job.file.stem, "run": job.name, "seed": job.seed, "first": first, "figures": figures}
+    write_json(job.out, content)
+    return (
+        f"{job.out.stem}: {figures['psnr']:.2f} dB, fitted {figures['fitted_psnr']:.2f}, "
+        f"{figures['wall_seconds']:.1f} s, {figures['n_gaussians']} Gaussians, first {first:.1f} s, "
+        f"{figures['total']:.1f} s in all\n"
+    )
 
 
 def run_name(run: str, backend: str) -> str:
