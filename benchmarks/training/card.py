@@ -6,7 +6,8 @@ choosing rooms (`benchmarks.rooms`) without segments, and views off the photos' 
 numba, scipy, OpenCV and flip-evaluator; with ``--backend gsplat``, gsplat 1.5, with fused-ssim, trains the same views
 by its own rates and without features, with ``--backend cpu`` the processor, on all cores that the process may use. A
 training that was measured before is not repeated. `document` puts a table into a document, between ``<!-- NAME -->``
-and its end: all results, those off the path, or errors and seconds, of which `plot` makes a picture.
+and its end: means over seeds by set and run, those off the path, or errors and seconds, of which `plot` makes a
+picture.
 
 A run is STEPS:GAUSSIANS with settings of `standard`, or the name of a preset as the plan uses it on the device.
 
@@ -25,7 +26,6 @@ import argparse
 import ast
 import hashlib
 import multiprocessing
-import statistics
 import sys
 import tempfile
 import time
@@ -56,7 +56,7 @@ from engine.training.settings import PRESETS, TrainingSettings
 
 from ..documents import put_into
 from ..rooms.keeping import KEPT_FOLDER, unpack_room
-from .error_curves import ERROR_AND_SECONDS, error_plot, error_table
+from .error_curves import ERROR_AND_SECONDS, SETS_AND_RUNS, error_plot, error_table, sets_table
 from .gallery import gallery_views
 from .off_path import OFF_PATH, needles, off_path_figures, off_path_table
 from .photo_sets import ROOT, photo_set
@@ -68,6 +68,8 @@ _MAX_NAME = 160
 _UNBOUNDED = 1 << 62
 _TRUE = "true"
 """Folder of the true views off the path, beside the views of rooms."""
+_TABLES = {OFF_PATH: off_path_table, ERROR_AND_SECONDS: error_table, SETS_AND_RUNS: sets_table}
+"""By the name that the table has in a document."""
 _SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
 
 
@@ -99,7 +101,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one = commands.add_parser("document", help="put a table of results into a document")
     one.add_argument("results", type=Path)
     one.add_argument("--doc", type=Path, required=True)
-    one.add_argument("--table", default="on a card", help="name of the table in the document (default: %(default)s)")
+    one.add_argument("--table", default=SETS_AND_RUNS, choices=_TABLES, help="(default: %(default)s)")
     one.set_defaults(run=_document)
     one = commands.add_parser("plot", help="draw errors against seconds")
     one.add_argument("results", type=Path)
@@ -287,36 +289,13 @@ def _run_gsplat(cameras: Any, views: Sequence[TrainingView], settings: TrainingS
 
 def _document(options: argparse.Namespace) -> None:
     results = [read_json(file, _SCHEMA, advice="Delete it.") for file in sorted(options.results.glob("*.json"))]
-    tables = {OFF_PATH: off_path_table, ERROR_AND_SECONDS: error_table}
-    put_into(options.doc, options.table, tables.get(options.table, table)(results))
+    put_into(options.doc, options.table, _TABLES[options.table](results))
 
 
 def _plot(options: argparse.Namespace) -> None:
     results = [read_json(file, _SCHEMA, advice="Delete it.") for file in sorted(options.results.glob("*.json"))]
     with atomic_write(options.out) as out:
         out.write(error_plot(results))
-
-
-def table(results: Sequence[dict[str, Any]]) -> str:
-    """Return the table of all results: the worst seed of each figure."""
-    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for result in results:
-        found.setdefault((result["set"], result["run"]), []).append(result)
-    lines = [
-        "| photos, longest side | steps : Gaussians | seeds | test PSNR dB, worst (mean) | fitted | seconds, worst | "
-        "Gaussians | first steps of a process, s |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for (name, run), runs in sorted(found.items()):
-        figures = [one["figures"] for one in runs]
-        psnr = [one["psnr"] for one in figures]
-        lines.append(
-            f"| {name} | {run} | {len(runs)} | {min(psnr):.2f} ({statistics.mean(psnr):.2f}) | "
-            f"{statistics.mean(one['fitted_psnr'] for one in figures):.2f} | "
-            f"{max(one['wall_seconds'] for one in figures):.1f} | {figures[0]['n_gaussians']:,} | "
-            f"{max(one['first'] for one in runs):.1f} |"
-        )
-    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import statistics
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -12,6 +13,9 @@ from .screening.jobs import GSPLAT
 
 ERROR_AND_SECONDS = "error and seconds"
 """Name of the table in a document."""
+
+SETS_AND_RUNS = "sets and runs"
+"""Name of the table of all sets in a document."""
 
 _CARD = "card"
 
@@ -31,6 +35,29 @@ def error_table(results: Sequence[dict[str, Any]]) -> str:
             f"{one['fitted_psnr']:.2f} | {one['wall_seconds']:.1f} | {cpu} |"
         )
     return "\n".join(lines)
+
+
+def sets_table(results: Sequence[dict[str, Any]]) -> str:
+    """Return PSNR (fitted) in the mean of the seeds: a row for each set, a column for each device and run."""
+    cells: dict[str, dict[tuple[str, str], list[dict[str, Any]]]] = {}
+    seconds: dict[tuple[str, str], float] = {}
+    for name, device, run, result in _sorted(results):
+        figures, column = result["figures"], (device, run)
+        cells.setdefault(name, {}).setdefault(column, []).append(figures)
+        seconds[column] = max(seconds.get(column, 0.0), figures["wall_seconds"])
+    columns = sorted(seconds, key=lambda column: (column[0] == GSPLAT, column[0], seconds[column]))
+    titles = [f"{device}: {_label(run) or run}" for device, run in columns]
+    lines = [f"| set | {' | '.join(titles)} |", "| --- |" + " ---: |" * len(columns)]
+    for name, row in cells.items():
+        lines.append(f"| {name} | {' | '.join(_mean_psnr(row.get(column, ())) for column in columns)} |")
+    return "\n".join(lines)
+
+
+def _mean_psnr(found: Sequence[dict[str, Any]]) -> str:
+    if not found:
+        return ""
+    psnr, fitted = (statistics.mean(one[name] for one in found) for name in ("psnr", "fitted_psnr"))
+    return f"{psnr:.2f} ({fitted:.2f})" + (f", {len(found)}" if len(found) > 1 else "")
 
 
 def error_plot(results: Sequence[dict[str, Any]]) -> bytes:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.scale.building import FOCAL, HEIGHT, WIDTH, Building
-from benchmarks.training.error_curves import error_plot, error_table
+from benchmarks.training.error_curves import error_plot, error_table, sets_table
 from engine.core.arrays import Float64
 
 
@@ -33,6 +33,15 @@ def test_rows_are_by_device_and_seconds_with_gsplat_last() -> None:
         ["gsplat", "", "3,000"],
     ]
     assert rows[0][5:] == ["30.20", "31.20", "6.0", "7"] and rows[3][5:] == ["28.60", "29.60", "16.0", ""]
+
+
+def test_a_set_is_a_row_with_means_over_the_seeds_of_each_run() -> None:
+    rows = [line.split(" | ") for line in sets_table([*RESULTS, result("standard", 7, 30.6)]).split("\n")]
+    assert rows[0] == [
+        "| set", "card: `standard`", "card: `best`, rounds=100", "processor, 8 cores: `standard`",
+        "gsplat: 3000:100000 |",
+    ]  # fmt: skip
+    assert rows[2] == ["| museum_room", "30.40 (31.40), 2", "31.00 (32.00)", "29.60 (30.60)", "28.60 (29.60) |"]
 
 
 def test_trainings_without_a_curve_are_drawn_too() -> None:
