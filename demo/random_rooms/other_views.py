@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from PIL import Image
-from studio import shoot
+from studio import materials, shoot
 from studio.phone import srgb_pixels
 from studio.views import View
 
@@ -27,29 +27,8 @@ KEPT_DISTANCE = 0.35
 """Distance in metres of a camera from what it would run into."""
 LEAST_SHARE = 0.5
 """A view is left out if less of its way is free."""
-STRIDE = 4
-"""Pixels between two of which photos are counted; those between have the count of the nearest."""
-MARGIN = 0.02
-"""Distance in metres by which a ray may end before a place and still reach it."""
-
-
-class Photo(NamedTuple):
-    """A pinhole camera in the room: world-to-camera matrix [4, 4], intrinsics [3, 3], and the size of its picture."""
-
-    viewmat: np.ndarray
-    K: np.ndarray
-    width: int
-    height: int
-
-    @property
-    def eye(self) -> np.ndarray:
-        """Position of the camera [3]."""
-        return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
-
-    def pixels(self, places: np.ndarray) -> np.ndarray:
-        """Return x and y, in pixels, and depth of `places` [..., 3]."""
-        x, y, depth = np.moveaxis((places @ self.viewmat[:3, :3].T + self.viewmat[:3, 3]) @ self.K.T, -1, 0)
-        return np.stack([x / depth, y / depth, depth], axis=-1)
+TOLERANCE = 0.02
+"""Part of its depth by which a place may be behind what a photo shows at its pixel and still be seen."""
 
 
 def main(description: str | None) -> int:
@@ -72,15 +51,8 @@ def main(description: str | None) -> int:
     cameras = json.loads(arguments.cameras.read_text(encoding="utf-8"))
     arguments.out.mkdir(parents=True, exist_ok=True)
     build(draw_room(arguments.seed, arguments.attempt))
-    scene = bpy.context.scene
-    scene.render.resolution_x, scene.render.resolution_y = cameras["width"], cameras["height"]
-    lens = scene.camera.data
-    lens.lens = lens.sensor_width * cameras["focal"] / cameras["width"]
     shoot.setup_photos(SAMPLES, bounces=1)
-    photos = [
-        Photo(np.array(one["viewmat"]), np.array(one["K"]), one["width"], one["height"]) for one in cameras["photos"]
-    ]
-    K = np.array([[cameras["focal"], 0, cameras["width"] / 2], [0, cameras["focal"], cameras["height"] / 2], [0, 0, 1]])
+    _set_lens(cameras["focal"], cameras["width"], cameras["height"])
     made = {}
     for number, (name, wanted) in enumerate(cameras["views"].items()):
         eye = _free_eye(*(np.array(wanted[key]) for key in ("from", "eye")))
@@ -88,54 +60,78 @@ def main(description: str | None) -> int:
             continue
         viewmat = _looking_at(eye, np.array(wanted["at"]))
         shoot.aim_camera(View(name, viewmat, 0.0))
-        scene.cycles.seed = number
+        bpy.context.scene.cycles.seed = number
         Image.fromarray(srgb_pixels(np.clip(shoot.render(), 0, 1))).save(arguments.out / f"{name}.png")
-        counts = _photos_that_see(_places(Photo(viewmat, K, cameras["width"], cameras["height"])), photos)
-        Image.fromarray(counts.astype(np.uint8)).save(arguments.out / f"{name}_photos.png")
         made[name] = viewmat.tolist()
+    for name, count in _photos_that_see(made, cameras):
+        Image.fromarray(count).save(arguments.out / f"{name}_photos.png")
     shoot.write_json(arguments.out / "cameras.json", made)
     return 0
+
+
+def _set_lens(focal: float, width: int, height: int) -> None:
+    """Set the size of the pictures and the focal length, in pixels."""
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = width, height
+    lens = scene.camera.data
+    lens.lens = lens.sensor_width * focal / width
 
 
 def _free_eye(begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
     """Return the last free place on the way from `begin` to `end`; None if the way is mostly blocked."""
     length = float(np.linalg.norm(end - begin))
     direction = (end - begin) / length
-    free = min(_free_distance(begin, direction, length + KEPT_DISTANCE) - KEPT_DISTANCE, length)
-    return begin + free * direction if free >= LEAST_SHARE * length else None
-
-
-def _free_distance(begin: np.ndarray, direction: np.ndarray, longest: float = 1e3) -> float:
-    """Return the distance from `begin` to what is in the way, at most `longest`, in metres."""
-    hit, where, *_ = bpy.context.scene.ray_cast(
-        bpy.context.evaluated_depsgraph_get(), Vector(begin), Vector(direction), distance=longest
+    scene = bpy.context.scene
+    hit, where, *_ = scene.ray_cast(
+        bpy.context.evaluated_depsgraph_get(), Vector(begin), Vector(direction), distance=length + KEPT_DISTANCE
     )
-    return float(np.linalg.norm(np.array(where) - begin)) if hit else longest
+    free = float(np.linalg.norm(np.array(where) - begin)) - KEPT_DISTANCE if hit else length
+    return begin + min(free, length) * direction if free >= LEAST_SHARE * length else None
 
 
-def _places(view: Photo) -> np.ndarray:
-    """Return the places [height, width, 3] that the pixels of a view show."""
-    rows, columns = (np.arange(STRIDE // 2, size, STRIDE) for size in (view.height, view.width))
-    pixels = np.stack([*np.meshgrid(columns + 0.5, rows + 0.5), np.ones((len(rows), len(columns)))], axis=-1)
-    rays = pixels @ np.linalg.inv(view.K).T @ view.viewmat[:3, :3]
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    distances = np.array([[_free_distance(view.eye, ray) for ray in row] for row in rays])
-    places = view.eye + distances[..., None] * rays
-    return places.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[: view.height, : view.width]
+def _photos_that_see(
+    viewmats: Mapping[str, Sequence[Sequence[float]]], cameras: Mapping[str, Any]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name of each view and how many photos see what its pixels show, [height, width] uint8."""
+    focal, width, height = cameras["focal"], cameras["width"], cameras["height"]
+    rays = np.stack([*np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)], axis=-1)
+    rays = np.concatenate([rays / focal, np.ones((height, width, 1))], axis=-1)
+    with shoot.mask_rendering(materials.depth()):
+        photos = [(photo, *_centred_depths(photo)) for photo in cameras["photos"]]
+        _set_lens(focal, width, height)
+        for name, rows in viewmats.items():
+            viewmat, counts = np.array(rows), np.zeros((height, width), np.uint8)
+            local = rays * _depths(viewmat)[..., None]
+            places = (local - viewmat[:3, 3]) @ viewmat[:3, :3]
+            for photo, depths, corner in photos:
+                counts += _sees(photo, depths, corner, places)
+            yield name, counts
 
 
-def _photos_that_see(places: np.ndarray, photos: Sequence[Photo]) -> np.ndarray:
-    """Return how many photos see each of `places`, [height, width, 3], shape [height, width]."""
-    distinct = places[::STRIDE, ::STRIDE]
-    counts = np.zeros(distinct.shape[:2], int)
-    for photo in photos:
-        x, y, depth = np.moveaxis(photo.pixels(distinct), -1, 0)
-        inside = (depth > 0) & (x > 0) & (x < photo.width) & (y > 0) & (y < photo.height)
-        for row, column in np.argwhere(inside):
-            ray = distinct[row, column] - photo.eye
-            distance = float(np.linalg.norm(ray))
-            counts[row, column] += _free_distance(photo.eye, ray / distance) > distance - MARGIN
-    return counts.repeat(STRIDE, axis=0).repeat(STRIDE, axis=1)[: places.shape[0], : places.shape[1]]
+def _centred_depths(photo: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Return what a photo shows, as depths, in a picture whose middle is on the optical axis, and where that begins."""
+    K, size = np.array(photo["K"]), np.array([photo["width"], photo["height"]])
+    middle = K[:2, 2]
+    reach = np.ceil(np.maximum(middle, size - middle)).astype(int)
+    _set_lens(K[0, 0], *(2 * reach).tolist())
+    return _depths(np.array(photo["viewmat"])), middle - reach
+
+
+def _depths(viewmat: np.ndarray) -> np.ndarray:
+    """Return the depths [height, width] of what a camera sees, 0 for nothing, within `mask_rendering`."""
+    shoot.aim_camera(View("", viewmat, 0.0))
+    return shoot.render()[..., 0]
+
+
+def _sees(photo: Mapping[str, Any], depths: np.ndarray, corner: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return which of `places`, [height, width, 3], a photo sees."""
+    viewmat = np.array(photo["viewmat"])
+    local = places @ viewmat[:3, :3].T + viewmat[:3, 3]
+    depth = np.maximum(local[..., 2], 1e-6)
+    pixels = (local @ np.array(photo["K"]).T)[..., :2] / depth[..., None]
+    inside = ((pixels >= 0) & (pixels < (photo["width"], photo["height"]))).all(axis=-1) & (local[..., 2] > 0)
+    column, row = np.moveaxis(np.where(inside[..., None], pixels - corner, 0).astype(int), -1, 0)
+    return inside & (depth <= depths[row, column] * (1 + TOLERANCE))
 
 
 def _looking_at(eye: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -204,3 +204,12 @@ def instance_id() -> bpy.types.Material:
     glow = graph.node("ShaderNodeEmission", Strength=scaled.outputs[0], Color=(1, 1, 1, 1))
     graph.tree.links.new(glow.outputs[0], graph.tree.nodes["Material Output"].inputs["Surface"])
     return graph.material
+
+
+def depth() -> bpy.types.Material:
+    """Create a material that emits the depth along the optical axis and replaces all materials."""
+    graph = Graph("Depth", 1.0, 0.0)
+    distance = graph.node("ShaderNodeCameraData").outputs["View Z Depth"]
+    glow = graph.node("ShaderNodeEmission", Strength=distance, Color=(1, 1, 1, 1))
+    graph.tree.links.new(glow.outputs[0], graph.tree.nodes["Material Output"].inputs["Surface"])
+    return graph.material

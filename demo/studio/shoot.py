@@ -164,11 +164,14 @@ def aim_camera(view: View) -> None:
 
 
 @contextmanager
-def mask_rendering() -> Iterator[None]:
-    """Configure rendering of the object index with one unfiltered sample per pixel; restore the sky and panes after."""
+def mask_rendering(shown: bpy.types.Material | None = None) -> Iterator[None]:
+    """Configure rendering of the object index with one unfiltered sample per pixel; restore the sky and panes after.
+
+    What the material `shown` emits is rendered instead, if it is given.
+    """
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
-    scene.view_layers[0].material_override = materials.instance_id()
+    scene.view_layers[0].material_override = shown or materials.instance_id()
     scene.cycles.samples = 1
     scene.cycles.use_denoising = False
     scene.cycles.use_adaptive_sampling = False
