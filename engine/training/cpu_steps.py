@@ -73,7 +73,7 @@ class CpuSteps:
             n = len(state.parameters)
             n_new = schedule.gaussians_after_growth(state.step, n) - n
             moves, additions = (schedule.generator(state.step, purpose) for purpose in (RELOCATE, GROW))
-            relocate(state.parameters, generator=moves)
+            relocate(state.parameters, empty_space=self._inputs.empty_space, generator=moves)
             if n_new > 0:
                 self._grow(n_new, additions)
         if growth.noise > 0 and not schedule.growth_ended(state.step):

@@ -13,7 +13,7 @@ import torch
 from ..rasterizer.settings import Backend
 from .parameters import Parameters, render
 from .population import Population
-from .start import StartPoints
+from .start import EmptySpace, StartPoints
 from .views import Level
 
 MAX_COPIES = 51  # Kheradmand et al. 2024
@@ -79,16 +79,24 @@ _BINOMIALS = torch.tensor(
 
 
 def relocate(
-    parameters: Parameters | Population, *, min_opacity: float = _MIN_OPACITY, generator: torch.Generator
+    parameters: Parameters | Population,
+    *,
+    min_opacity: float = _MIN_OPACITY,
+    empty_space: EmptySpace | None = None,
+    generator: torch.Generator,
 ) -> int:
-    """Move each Gaussian of opacity below `min_opacity` onto a living one, drawn by opacity; return how many moved.
+    """Move each Gaussian of opacity below `min_opacity`, or in `empty_space`, onto another one, drawn by opacity.
 
-    The picture stays the same to first order (`copy_correction`). Nothing is moved when all Gaussians are dead.
+    Return how many moved. Without those in empty space, the picture stays the same to first order (`copy_correction`).
+    Nothing is moved when no other Gaussian is left.
     """
     opacities = parameters.values["opacity_logits"].detach().sigmoid()
-    dead = (opacities <= min_opacity).nonzero()[:, 0]
-    alive = (opacities > min_opacity).nonzero()[:, 0]
-    alive = alive[alive >= parameters.n_background]
+    moves = opacities <= min_opacity
+    if empty_space is not None:
+        moves |= empty_space.holds(parameters.values["means"].detach())
+    stays = ~moves
+    moves[: parameters.n_background] = stays[: parameters.n_background] = False
+    dead, alive = moves.nonzero()[:, 0], stays.nonzero()[:, 0]
     if len(dead) == 0 or len(alive) == 0:
         return 0
     chosen = alive[_draw(opacities[alive], len(dead), generator)]

@@ -28,7 +28,7 @@ from .result import TrainingResult, make_result
 from .schedule import THIN, Schedule
 from .settings import PREVIEW_FILE, TEST_PHOTOS, TrainingSettings
 from .spectrum import coarse_shares
-from .start import StartPoints
+from .start import EmptySpace, StartPoints
 from .steps import Inputs, Steps
 from .thinning import MAX_CAMERAS, SIDE, changes_by_removal, thin
 from .transients import find_transients
@@ -152,7 +152,7 @@ class _TrainingRun:
         training = [view for view in views if not view.held_out]
         held_out = [view for view in views if view.held_out]
         check_start(start)
-        start_points = StartPoints(start.means)
+        points = start.means
         n_background = 0
         if background is not None and len(background):
             check_start(background)
@@ -162,13 +162,16 @@ class _TrainingRun:
         self.measured_on = TEST_PHOTOS if held_out else "training photos"
         self.measured = ViewPyramid(_measured_views(held_out or training), settings.features)
         extent = scene_extent([view.pinhole for view in training])
-        center = torch.tensor(np.mean([view.pinhole.center for view in training], axis=0), dtype=torch.float32)
+        eyes = np.array([view.pinhole.center for view in training])
+        is_published = settings.growth.growth_strategy == "opacity"
+        empty_space = None if is_published else EmptySpace(points, eyes)
+        center = torch.tensor(eyes.mean(axis=0), dtype=torch.float32)
         labelled = [
             i for i, view in enumerate(training) if settings.features.train_features and view.labels is not None
         ]
         shares = coarse_shares(training, 2 * settings.schedule.coarse_levels)
         self.schedule = Schedule(settings, len(training), extent, labelled=labelled, shares=shares)
-        self.inputs = Inputs(settings, self.pyramid, start_points, center, extent)
+        self.inputs = Inputs(settings, self.pyramid, StartPoints(points), empty_space, center, extent)
         self.steps = _open_steps(self.inputs)
         self.key = run_key(start, views, settings)
         begun = self._initial_state(start, n_background)

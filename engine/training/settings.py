@@ -158,7 +158,8 @@ class GrowthSettings:
         Fraction of `max_gaussians` that a whole sphere of `background` has; 0 for none.
     growth_strategy : {"mixed", "opacity"}
         ``mixed``: drawn half by their error, half by opacity; half of them are copied, half split if they lie near
-        initial ones. ``opacity``: copied, drawn by opacity, as published (Kheradmand et al. 2024).
+        initial ones; none stays near a camera. ``opacity``: copied, drawn by opacity, as published (Kheradmand et al.
+        2024).
     grow_from, grow_until : float
         Fractions of the steps between which Gaussians are relocated and added.
     grow_interval : int

@@ -22,6 +22,13 @@ MAX_SPACINGS = 3.0  # chosen on skull66, sakharov_statue32, room_6, store_room, 
 """Distance from a point, in its spacings, up to which a place counts as near it."""
 
 
+_NTH_NEAREST = 5
+"""The distance of the so-many-nearest point tells how near to a camera things are: nearer ones may be mistakes."""
+
+_EMPTY_PART = 0.6  # chosen on skull66, room_3, room_6
+"""Part of that distance within which nothing stands."""
+
+
 def start_gaussians(
     camera_set: CameraSet, views: Sequence[TrainingView], settings: TrainingSettings, *, emit: Emit
 ) -> Gaussians:
@@ -80,3 +87,27 @@ class StartPoints:
         """Return which of `means`, [N, 3], lie within `MAX_SPACINGS` of the nearest point."""
         distances, nearest = self._tree.query(means.numpy(), workers=-1)
         return torch.from_numpy(distances <= self._reach[nearest])
+
+
+class EmptySpace:
+    """The surroundings of the training cameras, as wide as the nearest points tell, where nothing stands.
+
+    Without this, what stands between two cameras is seen from the other side of the scene only, before the background,
+    and explains it there; see docs/training.md.
+
+    Parameters
+    ----------
+    points : array of shape [P, 3]
+        Where training starts, world units.
+    eyes : array of shape [C, 3]
+        Positions of the cameras.
+    """
+
+    def __init__(self, points: NDArray[np.floating], eyes: NDArray[np.floating]) -> None:
+        distances = cKDTree(points).query(eyes, k=[min(_NTH_NEAREST, len(points))])[0][:, 0]
+        self._eyes, self._radii = cKDTree(eyes), _EMPTY_PART * distances
+
+    def holds(self, means: torch.Tensor) -> torch.Tensor:
+        """Return which of `means`, [N, 3], lie within the surroundings of the nearest camera."""
+        distances, nearest = self._eyes.query(means.numpy(), workers=-1)
+        return torch.from_numpy(distances < self._radii[nearest])

@@ -10,7 +10,7 @@ import torch
 from .checkpoint import RunState
 from .schedule import Schedule
 from .settings import TrainingSettings
-from .start import StartPoints
+from .start import EmptySpace, StartPoints
 from .views import Level, ViewPyramid
 
 N_ERROR_VIEWS = 3  # chosen on museum_room
@@ -27,6 +27,8 @@ class Inputs:
     pyramid : ViewPyramid
         The training photos.
     start_points : StartPoints
+    empty_space : EmptySpace or None
+        Where no Gaussian stays; None with the published growth.
     center : tensor of shape [3]
         Mean camera position.
     extent : float
@@ -36,6 +38,7 @@ class Inputs:
     settings: TrainingSettings
     pyramid: ViewPyramid
     start_points: StartPoints
+    empty_space: EmptySpace | None
     center: torch.Tensor
     extent: float
 

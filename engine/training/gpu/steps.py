@@ -169,7 +169,7 @@ class GpuSteps:
             drawn = error_levels(inputs, schedule, step, additions)
             photos = [self._photo(*one, inputs.pyramid.level(*one)) for one in drawn]
             errors = self._card.gaussian_errors(photos, schedule.sh_degree(step, state.sh_limit))
-        relocate(population, generator=moves)
+        relocate(population, empty_space=inputs.empty_space, generator=moves)
         sources = population.values["sources"]
         if errors is not None:
             errors = (errors / sources.bincount(minlength=n))[sources]  # copies at one place share the error

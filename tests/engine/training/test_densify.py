@@ -22,6 +22,7 @@ from engine.training.densify import (
 from engine.training.held_out import render_picture
 from engine.training.parameters import Parameters
 from engine.training.settings import PRESETS
+from engine.training.start import EmptySpace
 from engine.training.views import ViewPyramid
 
 from .conftest import Scene
@@ -162,6 +163,22 @@ def test_nothing_is_moved_when_all_gaussians_are_dead(scene: Scene) -> None:
         parameters.values["opacity_logits"].fill_(-9.0)
     assert relocate(parameters, min_opacity=0.005, generator=generator()) == 0
     assert len(parameters) == len(scene.truth)
+
+
+def test_gaussians_in_empty_space_are_moved_onto_others_and_the_background_stays(scene: Scene) -> None:
+    parameters = trainable(scene)
+    parameters.n_background = 20
+    before = parameters.values["means"].clone()
+    eye = before[10] + 0.001
+    # Twelve points at a distance of 1 empty a ball of 0.6 around the camera.
+    ball = EmptySpace((eye + torch.eye(3)[[0, 1, 2] * 4]).numpy(), eye[None].numpy())
+    inside = (before - eye).norm(dim=1) < 0.6
+    inside[:20] = False
+    assert 0 < inside.sum() < len(before) - 20
+    assert relocate(parameters, empty_space=ball, generator=generator()) == inside.sum()
+    after = parameters.values["means"]
+    assert torch.equal(after[~inside], before[~inside])
+    assert not ball.holds(after[20:]).any()
 
 
 def test_new_gaussians_are_copies_of_those_with_a_weight_and_never_of_the_background(scene: Scene) -> None:

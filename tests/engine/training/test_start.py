@@ -9,7 +9,7 @@ import torch
 from engine.core.events import Event, Warned, ignore_events
 from engine.scene.camera import CameraSet
 from engine.training.settings import PRESETS
-from engine.training.start import StartPoints, start_gaussians
+from engine.training.start import EmptySpace, StartPoints, start_gaussians
 
 from .conftest import Scene
 
@@ -49,3 +49,16 @@ def test_places_are_near_the_points_within_three_of_their_spacings() -> None:
 def test_few_points_are_near_themselves(n: int) -> None:
     points = np.eye(3, dtype=np.float32)[:n]
     assert StartPoints(points).near(torch.from_numpy(points)).all()
+
+
+def test_nothing_stands_nearer_to_a_camera_than_its_nearest_points_suggest() -> None:
+    wall = np.stack([*np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9)), np.full((9, 9), 2.0)], axis=-1)
+    mistakes = np.tile([0.0, 0.0, 0.1], (4, 1))
+    space = EmptySpace(np.concatenate([wall.reshape(-1, 3), mistakes]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.5]]))
+    places = torch.tensor([[0.0, 0.0, 0.7], [0.9, 0.0, 0.0], [1.3, 0.0, 0.0], [0.0, 0.0, 1.9]])
+    assert space.holds(places).tolist() == [True, True, False, False]
+
+
+def test_a_single_point_tells_how_near_things_are() -> None:
+    space = EmptySpace(np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 3)))
+    assert space.holds(torch.tensor([[0.0, 0.0, 0.5], [0.0, 0.0, 0.7]])).tolist() == [True, False]
