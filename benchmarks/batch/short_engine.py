@@ -5,18 +5,18 @@ from __future__ import annotations
 import os
 import sys
 
-from engine.workers.jobs import engine_run
+from engine.workers.batch import helped_engine, stage_task
 
 from ..security.kills_engine import shorten_stages
 
 
 def dask_setup(worker: object) -> None:
     """Let this worker's engines have short stages; Dask calls it."""
-    engine_run._MODULE = __name__
+    stage_task.MODULE = __name__
 
 
 if __name__ == "__main__":
     shorten_stages()
-    code = engine_run._main()
+    code = helped_engine.main()
     sys.stdout.flush()
     os._exit(code)

@@ -1,31 +1,31 @@
 """Verified matches of pairs of photos, by as many processes as there are cores; each pair gets the bits of one process.
 
 COLMAP's matcher loses matches now and then on several threads; on one thread a pair has always the same matches, in any
-order (docs/design_notes/cameras.md). So every process has one thread, a fixed share of the pairs, and a database of its
-own with the features of its photos. Shares are merged in the order of the pairs. What a stopped or killed run has
-matched is merged by the next one.
+order (docs/design_notes/cameras.md). So every process, here or on a helper, has one thread, shares of the pairs, and
+for each a database with the features of its photos. What a stopped or killed run has matched is merged by the next one.
 """
 
 from __future__ import annotations
 
 import contextlib
-import itertools
+import functools
 import logging
 import shutil
 import sqlite3
-import time
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..core.child_process import ChildBeside, ChildFailure, ChildrenBeside
-from ..core.errors import CameraError, Cancelled, DiskError
+from ..core.child_process import ChildFailure
+from ..core.errors import CameraError, DiskError
 from ..core.events import StopCheck, never_stop
 from ..core.files import delete_derived, read_json, write_json
+from ..core.shares import Arguments, Need, divided, run_shares
 from ..core.system import free_memory, replace_file
 from .colmap import pycolmap
 from .colmap_calls import is_whole_database, opened_database, require_free_space, wait_for
-from .processes import cores_for, matching_processes
+from .processes import MATCHING_BYTES, MIN_PAIRS, cores_for, matching_processes
 from .settings import CameraSettings
 
 _LOG = logging.getLogger(__name__)
@@ -33,7 +33,7 @@ _LOG = logging.getLogger(__name__)
 NamePair = tuple[str, str]
 
 _PAIRS_PER_BATCH = 24
-_POLL_SECONDS = 0.1
+_NEED = Need(cores=1, memory=MATCHING_BYTES)
 _WHAT = "matching the photos"
 _COPIED = ("cameras", "rigs", "rig_sensors", "frames", "frame_data", "images")
 _COPIED_OF_PHOTOS = ("keypoints", "descriptors")
@@ -75,61 +75,46 @@ def match_pairs(
     missing = _missing(database, pairs)
     if not missing:
         return
-    count = matching_processes(cores_for(settings.threads), len(missing), free=free_memory())
-    if count > 1:
-        count = min(count, _copies_on_disk(database))
+    processes = matching_processes(cores_for(settings.threads), len(missing), free=free_memory())
+    shares = divided(missing, processes, _NEED, least=MIN_PAIRS, most=_copies_on_disk(database))
 
     def matched(done: int) -> None:
         report((len(pairs) - len(missing) + done) / len(pairs))
 
-    if count <= 1:
+    if len(shares) == 1:
         _match(database, missing, settings.seed, matched=matched, should_stop=should_stop)
         return
     try:
-        _match_in_processes(database, folder, _shares(missing, count), settings.seed, matched, should_stop)
+        _match_in_shares(database, folder, shares, processes, settings.seed, matched, should_stop)
     finally:
         _merge(database, folder)
 
 
-def _shares(pairs: Sequence[NamePair], count: int) -> list[list[NamePair]]:
-    """Return `count` shares of equal size, each of them neighbours in the order of the pairs: they have few photos."""
-    bounds = [len(pairs) * index // count for index in range(count + 1)]
-    return [list(pairs[start:end]) for start, end in itertools.pairwise(bounds)]
-
-
-def _match_in_processes(
+def _match_in_shares(
     database: Path,
     folder: Path,
     shares: list[list[NamePair]],
+    processes: int,
     seed: int,
     matched: Callable[[int], None],
     should_stop: StopCheck,
 ) -> None:
-    with ChildrenBeside() as work:
-        counts = []
-        for index, share in enumerate(shares):
-            part = folder / f"{index:03d}" / "database.db"
-            part.parent.mkdir(parents=True)
-            _copy_features(database, part, {name for pair in share for name in pair})
-            arguments = {"database": str(part), "pairs": share, "seed": seed}
-            work.begin("cameras.matching:match_share", arguments, what=_WHAT)
-            counts.append(_count_file(part))
-        children = work.take()
-        while children:
-            running = [child for child in children if not child.finished]
-            for child in children:
-                if child not in running:
-                    _end(child)
-            children = running
-            matched(sum(map(_read_count, counts)))
-            if should_stop():
-                raise Cancelled(f"Stopped while {_WHAT}. The next run continues from here.")
-            time.sleep(_POLL_SECONDS)
+    counts: dict[int, Path] = {}
 
+    def arguments(number: int) -> Arguments:
+        # In a folder of its own, also when it is matched again: a helper that was lost may still write.
+        folder.mkdir(exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f"{number:04d}-", dir=folder)) / "database.db"
+        _copy_features(database, part, {name for pair in shares[number] for name in pair})
+        counts[number] = _count_file(part)
+        return {"database": str(part), "pairs": shares[number], "seed": seed}
 
-def _end(child: ChildBeside) -> None:
     try:
-        child.end()
+        run_shares(
+            "cameras.matching:match_share", [functools.partial(arguments, number) for number in range(len(shares))],
+            _NEED, what=_WHAT, processes=processes,
+            watch=lambda: matched(sum(map(_read_count, counts.values()))), should_stop=should_stop,
+        )  # fmt: skip
     except ChildFailure as failure:
         raise CameraError(
             f"{failure} Close other programs and run again: what is matched already is kept."

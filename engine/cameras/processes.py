@@ -6,10 +6,10 @@ from ..core.system import usable_cores
 
 _PIXEL_BYTES = 260
 """Memory of detection per pixel of a working copy and core. SIFT works on a picture of twice the size."""
-_MATCHING_BYTES = 200_000_000
+MATCHING_BYTES = 200_000_000
 """Memory of a process that matches, with 4,000 features of each photo."""
-_MIN_PAIRS = 40
-"""Pairs of a process at least: starting one costs as much CPU time as matching five."""
+MIN_PAIRS = 40
+"""Pairs of a share at least: starting one costs as much CPU time as matching five."""
 _MAX_SHARE = 0.5
 """Share of the free memory that either may use: masks may be made beside."""
 
@@ -39,7 +39,7 @@ def detecting_cores(cores: int, pixels: float, *, free: int | None) -> int:
 
 def matching_processes(cores: int, n_pairs: int, *, free: int | None) -> int:
     """Return how many processes on one core each match `n_pairs` pairs; 1 is the process of the cameras itself."""
-    return _fitting(max(1, min(cores, n_pairs // _MIN_PAIRS)), _MATCHING_BYTES, free)
+    return _fitting(max(1, min(cores, n_pairs // MIN_PAIRS)), MATCHING_BYTES, free)
 
 
 def _fitting(most: int, n_bytes: float, free: int | None) -> int:

@@ -34,6 +34,7 @@ from .system import (
     killed_for_time,
     memory_limited,
     no_core_dumps,
+    use_given_cores,
     wall_seconds_limited,
 )
 
@@ -304,6 +305,7 @@ def _serve() -> None:
     """Answer one request; the main function of the child."""
     # Libraries print to standard output, and must not write into the answer or read the request.
     requests, answers = os.dup(0), os.dup(1)
+    use_given_cores()
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
     os.dup2(2, 1)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .beside import MasksBeside, sam_threads
+    from .beside import MasksBeside, make_masks_with_helpers, sam_threads
     from .embeddings import EmbeddingFolder
     from .encoder import card_encodes
     from .foreground import make_foreground_masks
@@ -34,6 +34,7 @@ __all__ = [
     "load_sam",
     "make_foreground_masks",
     "make_masks",
+    "make_masks_with_helpers",
     "box_ious",
     "mask_box",
     "mask_iou",

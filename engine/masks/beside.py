@@ -1,4 +1,4 @@
-"""Label maps that processes of their own make while the cameras are estimated.
+"""Label maps that processes of their own make: while the cameras are estimated, and on helpers.
 
 A label map depends on its photo only, and COLMAP places the photos on one core. The children divide the photos that
 will need label maps if all are placed; the masks stage then makes those that are missing. A child that is killed loses
@@ -17,15 +17,21 @@ from typing import Any
 
 from ..core.child_process import ChildrenBeside
 from ..core.errors import HeritageError
-from ..core.events import never_stop
+from ..core.events import Emit, Progress, StopCheck, never_stop
 from ..core.settings import to_dict
+from ..core.shares import Arguments, Need, divided, run_shares
 from ..core.system import PeakMemory, lower_priority
+from ..scene import PhotoSet
 from .settings import SAM_MODELS, MaskSettings
+from .stage import stale_photos
 from .storage import label_map_path
 
 _LOG = logging.getLogger(__name__)
 MIN_PHOTOS_EACH = 4
 """Smallest number of photos of a child where there are several: each loads SAM, which takes as long as a photo."""
+_NEED = Need(cores=2, memory=1_000_000_000)
+"""Of a share on a helper: the next photo is encoded while a photo's clicks are decoded."""
+_IN_CHILD, _WHAT = "masks.beside:make_masks_in_child", "segmenting photos"
 _NICENESS = 10
 """The cameras come first where both want a core."""
 
@@ -78,12 +84,7 @@ class MasksBeside(ChildrenBeside):
         n_processes: int = 1,
     ) -> None:
         super().__init__()
-        self._arguments = {
-            "photos_file": str(photos_file),
-            "photo_folder": str(photo_folder),
-            "folder": str(folder),
-            "settings": to_dict(settings),
-        }
+        self._arguments = _arguments(photos_file, photo_folder, folder, settings)
         count = max(1, min(n_processes, len(names) // MIN_PHOTOS_EACH))
         self._shares = [list(names[number::count]) for number in range(count)]
         self._label_maps = [label_map_path(folder, name) for name in names]
@@ -93,8 +94,7 @@ class MasksBeside(ChildrenBeside):
         """Start the children."""
         self._n_kept = sum(path.exists() for path in self._label_maps)
         for names in self._shares:
-            given = {**self._arguments, "names": names}
-            self.begin("masks.beside:make_masks_in_child", given, what="segmenting photos")
+            self.begin(_IN_CHILD, {**self._arguments, "names": names}, what=_WHAT)
         self._started = time.perf_counter()
 
     def end(self) -> BesideCost | None:
@@ -116,6 +116,42 @@ class MasksBeside(ChildrenBeside):
             memory.append(answer["peak_memory"] if answer else None)
         peak = None if None in memory else max(one or 0 for one in memory)
         return BesideCost(max(seconds), self._n_kept, peak, problem)
+
+
+def _arguments(photos_file: Path, photo_folder: Path, folder: Path, settings: MaskSettings) -> Arguments:
+    return {
+        "photos_file": str(photos_file), "photo_folder": str(photo_folder), "folder": str(folder),
+        "settings": to_dict(settings),
+    }  # fmt: skip
+
+
+def make_masks_with_helpers(
+    photo_set: PhotoSet,
+    photos_file: Path,
+    names: Sequence[str],
+    folder: Path,
+    settings: MaskSettings,
+    *,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> None:
+    """Make label maps here and on helpers, where some are free; see `make_masks`, which then makes what is missing.
+
+    `photos_file` is the project's ``photos.json``.
+    """
+    shares = divided(stale_photos(photo_set, names, folder, settings), 1, _NEED, least=MIN_PHOTOS_EACH)
+    if len(shares) == 1:
+        return
+    arguments, ended = _arguments(photos_file, photo_set.folder, folder, settings), []
+
+    def count(number: int, result: Any) -> None:
+        ended.append(number)
+        emit(Progress("masks", len(ended) / len(shares), message=f"{len(ended)} of {len(shares)} shares of photos"))
+
+    run_shares(
+        _IN_CHILD, [lambda names=share: {**arguments, "names": names} for share in shares], _NEED,
+        what=_WHAT, processes=1, finished=count, should_stop=should_stop,
+    )  # fmt: skip
 
 
 def make_masks_in_child(

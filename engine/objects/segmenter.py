@@ -288,6 +288,8 @@ class Segmenter:
         ObjectError
             When there is no such object or level, or the object belongs to an earlier training.
         """
+        from .detailing import keep_with_detail
+
         record = load_object(self.project.path, name)
         levels = load_levels(self.project.path, record.id)
         if not 0 <= level < len(levels):
@@ -295,10 +297,11 @@ class Segmenter:
             raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
         membership_in(self.project.path, record, len(self.context.means))
         kept = list(levels) if record.levels else []
-        return self._keep(self.context, replace(record, level=level), levels[level], kept, "another level")
+        changed = replace(record, level=level)
+        return keep_with_detail(self.project, self.context, changed, levels[level], kept, "another level")
 
     def detail(self, names: Sequence[str] = ()) -> list[ObjectRecord]:
-        """Give stored objects detail from the photos, one after the other, and return their records.
+        """Give stored objects detail from the photos and return their records.
 
         What was stored before a cancel stays. An object with the detail of its present Gaussians is not detailed again.
 
@@ -312,54 +315,9 @@ class Segmenter:
         ObjectError
             When there is no such object or none at all, it is the background, or belongs to an earlier training.
         """
-        path = self.project.path
-        records = [load_object(path, name) for name in names] or [
-            one for one in list_objects(path) if one.prompt.get("kind") != BACKGROUND
-        ]
-        if not records:
-            raise ObjectError("This scene has no objects yet. Isolate one first.")
-        for record in records:
-            if record.prompt.get("kind") == BACKGROUND:
-                raise ObjectError(f"{record.name!r} is the background, which has no detail. Name an object.")
-            membership_in(path, record, len(self.context.means))
-        detailed = []
-        for number, record in enumerate(records):
-            context = self.context.part(number, len(records))
-            membership = load_membership(path, record.id)
-            levels = load_levels(path, record.id) if record.levels else ()
-            detailed.append(self._keep(context, record, membership, list(levels), "detailed"))
-        return detailed
+        from .detailing import detail_objects
 
-    def _keep(
-        self,
-        context: SegmentationContext,
-        record: ObjectRecord,
-        membership: Float32,
-        levels: Sequence[Float32],
-        why: str,
-    ) -> ObjectRecord:
-        """Store an object with detail from the photos. The old one is copied to the trash, whose list says `why`."""
-        from .detail import DetailResult, detail_object
-        from .detail_cutter import DetailPhotos
-
-        members, path = membership >= record.threshold, self.project.path
-        known = load_detailed(path, record.id)
-        if known is not None and np.array_equal(known.rows, np.flatnonzero(members)):
-            result = DetailResult(known, dict(record.detail or {}))
-            if record == load_object(path, record.id):
-                return record
-        else:
-            message = f"Detailing {record.name}"
-            context.tell(0.0, message)
-            result = detail_object(
-                context.views, DetailPhotos.of(self.project), members, self.settings, should_stop=context.should_stop,
-                tell=lambda done, left: context.tell(done, message, left),
-            )  # fmt: skip
-            context.tell(1.0, f"{record.name}: {result.sentence}")
-        keep_version(self.project, record.id, why=why)
-        changed = replace(record, n_gaussians=int(members.sum()), detail=result.record)
-        save_object(path, changed, membership, levels=levels, detailed=result.detailed)
-        return changed
+        return detail_objects(self.project, self.context, names)
 
     def _replace(self, record: ObjectRecord, membership: Float32, *, why: str) -> ObjectRecord:
         """Store a changed object, with the detail of what it keeps. The old one is copied to the trash."""

@@ -225,7 +225,14 @@ def masks_stage(
 
     def compute() -> dict[str, Any]:
         from ..install.models import gpu_provider_is_installed
-        from ..masks import SegmentAnything, card_encodes, load_sam, make_masks, sam_threads
+        from ..masks import (
+            SegmentAnything,
+            card_encodes,
+            load_sam,
+            make_masks,
+            make_masks_with_helpers,
+            sam_threads,
+        )
 
         start = time.perf_counter()
         with part("made beside the cameras"):
@@ -246,6 +253,12 @@ def masks_stage(
 
         # Label maps are replaced one by one.
         runner.before_replacing_outputs("masks")
+        if not gpu_provider_is_installed():
+            with part("made with helpers"):
+                make_masks_with_helpers(
+                    photo_set, runner.project.path / "photos" / "photos.json", plan.mask_photos, folder, settings,
+                    emit=runner.emit, should_stop=runner.should_stop,
+                )  # fmt: skip
         make_masks(
             photo_set, plan.mask_photos, folder, settings, load, emit=runner.emit, should_stop=runner.should_stop
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera, similarity_scale
 from .camera_health import CameraHealth
 from .camera_storage import camera_problem, read_camera_set, write_camera_set
-from .detailed import Detailed, load_detailed, save_detailed
+from .detailed import Detailed, load_detailed, read_detailed, save_detailed
 from .extents import box_of, far_gaussians, foot_of
 from .framing import looked_at
 from .gaussians import FEATURE_DIM, Gaussians
@@ -58,6 +58,7 @@ __all__ = [
     "lens_pixels",
     "load_measurement",
     "load_detailed",
+    "read_detailed",
     "looked_at",
     "match_names",
     "measurement_problem",

@@ -114,8 +114,12 @@ def load_detailed(project: Path, object_id: str) -> Detailed | None:
         When the file is damaged.
     """
     file = object_file(project, object_id, _DETAIL)
-    if not file.is_file():
-        return None
+    return read_detailed(file.parent) if file.is_file() else None
+
+
+def read_detailed(folder: Path) -> Detailed:
+    """Return the detailed Gaussians that `save_detailed` wrote to a folder; raises as `load_detailed`."""
+    file = folder / _DETAIL
     arrays = read_arrays(file, _ARRAYS, advice=_ADVICE)
     rows, parents = arrays[_ROWS], arrays[_PARENTS]
     if len(rows) and (rows[0] < 0 or (np.diff(rows) <= 0).any()):

@@ -26,17 +26,20 @@ if TYPE_CHECKING:
     )
     from .locks import try_lock
     from .machine import (
+        CORES_VARIABLE,
         Machine,
         PeakMemory,
         card_memory,
         cpu_seconds,
         describe_machine,
         free_memory,
+        given_cores,
         has_nvidia_driver,
         peak_memory,
         total_memory,
         usable_cores,
         use_cores,
+        use_given_cores,
     )
     from .paths import (
         CODE_ROOT,
@@ -68,6 +71,7 @@ if TYPE_CHECKING:
     from .variables import variable_for_libraries
 
 __all__ = [
+    "CORES_VARIABLE",
     "CODE_ROOT",
     "STOP_VARIABLE",
     "SYSTEMS",
@@ -90,6 +94,7 @@ __all__ = [
     "exit_cause",
     "free_memory",
     "handlers_kept",
+    "given_cores",
     "has_nvidia_driver",
     "ignore_signals_of_the_terminal",
     "is_cheap_to_recognise",
@@ -128,6 +133,7 @@ __all__ = [
     "unsupported",
     "usable_cores",
     "use_cores",
+    "use_given_cores",
     "variable_for_libraries",
     "wall_seconds_limited",
     "with_utf8",

@@ -18,6 +18,9 @@ from typing import Any
 from .kinds import describe_system
 from .text import run_text
 
+CORES_VARIABLE = "GAUSSIAN_HERITAGE_CORES"
+"""Environment variable of a worker: numbers of the cores that its engines use, e.g. ``0,1``; by default all."""
+
 _CGROUP = Path("/sys/fs/cgroup")
 _OWN_GROUPS = Path("/proc/self/cgroup")
 _GRAPHICS = Path("/sys/class/drm")
@@ -62,6 +65,20 @@ def use_cores(numbers: Iterable[int]) -> None:
     """
     if sys.platform == "linux":
         os.sched_setaffinity(0, set(numbers))
+
+
+def given_cores() -> tuple[int, ...]:
+    """Return the numbers of the cores that `CORES_VARIABLE` names; without it, those that this process may use."""
+    given = os.environ.get(CORES_VARIABLE, "")
+    with contextlib.suppress(ValueError):
+        return tuple(int(number) for number in given.split(",")) if given else usable_cores()
+    return usable_cores()
+
+
+def use_given_cores() -> None:
+    """Keep this process and the threads that it starts on `given_cores`, where this machine has them."""
+    with contextlib.suppress(OSError):
+        use_cores(given_cores())
 
 
 def has_nvidia_driver() -> bool:

@@ -11,8 +11,7 @@ from distributed import Client, Nanny, Scheduler, SpecCluster, Worker
 from distributed.security import Security
 
 from ...core.errors import EnvironmentProblem
-from ...core.system import describe_machine, usable_cores
-from ..jobs import CORES_VARIABLE
+from ...core.system import CORES_VARIABLE, describe_machine, usable_cores
 from .settings import BatchSettings
 
 MEMORY, GPU = "MEMORY", "GPU"

@@ -231,6 +231,8 @@ class Coordinator:
                 "version": __version__, "batch": self._batch, "folder": folder.number, "photos": str(folder.photos),
                 "out": str(folder.out), "stage": folder.stage, "arguments": list(self.settings.arguments),
                 "command": list(folder.command), "relay": self.relay,
+                # Helpers need shared folders, and workers of this computer share its cores.
+                "scheduler": "" if self.settings.ship else self.settings.scheduler,
             }
         ]  # fmt: skip
         if self.settings.ship:

@@ -24,8 +24,11 @@ from ...core.files import check, delete_derived, write_problem
 from ...pipeline.stages import STAGES
 from ...project.folder import ProjectFolder
 from ..jobs import EngineRun
+from .helped_engine import SCHEDULER_VARIABLE
 from .shipping import Bundle, pack, unpack
 
+MODULE = f"{__package__}.helped_engine"
+"""What runs the engine."""
 _SAY_SECONDS, _RELAY_SECONDS = 5.0, 1.0
 """Seconds between two messages about the progress of a stage, and where somebody watches it."""
 _FORECAST = {"stages": [{"stage": str, "memory": int, "memory_high": int, "cpu_seconds": float, "seconds": float}]}
@@ -47,7 +50,8 @@ def run_stage(request: dict[str, Any], bundle: Bundle | None = None) -> dict[str
     ----------
     request : dict
         ``version`` of the engine, ``batch``, ``folder`` (its number), ``photos``, ``out``, ``stage``; ``arguments`` of
-        ``reconstruct``, or the whole ``command`` instead; ``relay``: whether all events of the engine are sent.
+        ``reconstruct``, or the whole ``command`` instead; ``relay``: whether all events of the engine are sent;
+        ``scheduler``: address of the scheduler whose other workers may help, empty for none.
     bundle : dict, optional
         Files of ``photos`` and ``out``, where the worker does not share them; see `shipping`.
 
@@ -126,7 +130,8 @@ def _run_engine(
         if batch in _STOPPED:
             answer["outcome"] = "stopped"
             return
-        engine = EngineRun(command, on_event)
+        variables = {SCHEDULER_VARIABLE: request["scheduler"]}
+        engine = EngineRun(command, on_event, module=MODULE, variables=variables)
         _RUNNING.setdefault(batch, set()).add(engine)
     try:
         code = engine.wait()

@@ -8,7 +8,7 @@ from ...core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .click_preview import ClickAnswer, ClickPreview, click_question, pack_mask, read_question
-    from .engine_run import CORES_VARIABLE, EngineRun
+    from .engine_run import EngineRun, run_as_child
     from .job import Job, JobState, format_seconds
     from .prompt_arguments import (
         Click,
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from .waiting import WaitingJob, WaitingJobs
 
 __all__ = [
-    "CORES_VARIABLE",
     "Click",
     "ClickAnswer",
     "ClickPreview",
@@ -39,6 +38,7 @@ __all__ = [
     "pack_mask",
     "read_question",
     "refine_arguments",
+    "run_as_child",
     "seconds_left_in_all",
     "text_arguments",
 ]

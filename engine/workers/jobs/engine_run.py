@@ -12,7 +12,7 @@ import runpy
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -25,14 +25,10 @@ from ...core.system import (
     end_with_parent,
     json_printable,
     no_core_dumps,
-    use_cores,
+    use_given_cores,
 )
 from .job import JobState
 
-CORES_VARIABLE = "GAUSSIAN_HERITAGE_CORES"
-"""Environment variable of a worker: numbers of the cores that its engines use, e.g. ``0,1``; by default all."""
-
-_MODULE = f"{__package__}.engine_run"
 _CPU_SECONDS = "process_cpu_seconds"
 
 
@@ -43,6 +39,10 @@ class EngineRun:
     ----------
     on_event : callable
         Called in another thread with each event.
+    module : str
+        What the process runs: a module that calls `run_as_child`.
+    variables : mapping
+        Environment variables that it gets besides those of this process.
 
     Attributes
     ----------
@@ -62,17 +62,24 @@ class EngineRun:
         When it cannot be started.
     """
 
-    def __init__(self, arguments: Sequence[str], on_event: Callable[[Event], None]) -> None:
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        on_event: Callable[[Event], None],
+        *,
+        module: str = __name__,
+        variables: Mapping[str, str] | None = None,
+    ) -> None:
         self.state = JobState()
         self.stopped = self.late = False
         self.computed: list[str] = []
         self.kept: list[str] = []
         self._on_event = on_event
         self._folder = tempfile.TemporaryDirectory(prefix="gaussian-heritage-")
-        command = engine_command(*arguments, "--events", module=_MODULE)
+        command = engine_command(*arguments, "--events", module=module)
         try:
             self.process = EngineProcess.start(
-                command, engine_environment(), self._follow, folder=Path(self._folder.name)
+                command, {**engine_environment(), **(variables or {})}, self._follow, folder=Path(self._folder.name)
             )
         except DiskError:
             self._folder.cleanup()
@@ -105,17 +112,10 @@ class EngineRun:
             self._on_event(event)
 
 
-def _use_cores(numbers: str) -> None:
-    """Keep this process and the threads that it starts on these cores, where the system can do that."""
-    if numbers:
-        with contextlib.suppress(ValueError, OSError):  # cores that this machine does not have
-            use_cores(int(number) for number in numbers.split(","))
-
-
-def _main() -> int:
-    """Run the engine in this process, the child, and report its cost at the end."""
+def run_as_child() -> int:
+    """Run the engine in this process, the child, report its cost at the end, and return its exit code."""
     # Before NumPy and torch count the cores.
-    _use_cores(os.environ.get(CORES_VARIABLE, ""))
+    use_given_cores()
     no_core_dumps()
     end_children_with_this_process()
     end_with_parent(sys.stdin.buffer)
@@ -131,7 +131,7 @@ def _main() -> int:
 
 
 if __name__ == "__main__":
-    _code = _main()
+    _code = run_as_child()
     sys.stdout.flush()
     # Not `sys.exit`: the thread that waits for the parent holds standard input.
     os._exit(_code)

@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 
-from engine.cameras import processes
+from engine.cameras import matching, processes
 from engine.cameras.features import SfmWorkspace, match_features
 from engine.cameras.matching import match_pairs
 from engine.cameras.processes import detecting_cores, matching_processes
 from engine.cameras.settings import CameraSettings
-from engine.core import child_process
+from engine.core import shares
 from engine.core.errors import CameraError, Cancelled
 from engine.core.events import never_stop
 
@@ -39,7 +39,8 @@ def matched(room: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def features(matched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a copy without the matches, whose pairs are matched by as many processes as `threads` says."""
-    monkeypatch.setattr(processes, "_MIN_PAIRS", 4)
+    for module in (processes, matching):
+        monkeypatch.setattr(module, "MIN_PAIRS", 4)
     database = tmp_path / "database.db"
     shutil.copyfile(matched, database)
     with sqlite3.connect(database) as opened:
@@ -90,8 +91,8 @@ def halted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
                 halted.append(started[-1])
             yield child
 
-    real = child_process.child_beside
-    monkeypatch.setattr(child_process, "child_beside", child_beside)
+    real = shares.child_beside
+    monkeypatch.setattr(shares, "child_beside", child_beside)
     return halted
 
 

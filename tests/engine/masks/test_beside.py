@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import functools
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from engine.core.events import ignore_events, never_stop
 from engine.core.files import file_sha256
+from engine.core.shares import helped_by
 from engine.core.system import cpu_seconds
-from engine.masks.beside import MasksBeside
+from engine.masks.beside import MasksBeside, make_masks_with_helpers
+from engine.masks.sam import load_sam
 from engine.masks.settings import MaskSettings
+from engine.masks.stage import make_masks
 from engine.masks.storage import label_map_path, read_label_map
-from engine.scene import write_photo_set
+from engine.scene import read_photo_set, write_photo_set
 from engine.scene.photo import Photo, PhotoSet
 from tests.conftest import wait_until
+from tests.engine.core.helper_here import HelperHere
 from tests.engine.install.models.weights import fetched
 from tests.engine.masks.shapes import shapes_picture
 
@@ -109,6 +116,29 @@ def test_photo_that_is_gone_ends_the_child_with_a_sentence(folder: Path) -> None
         wait_for_the_end(child)
         cost = child.end()
     assert cost is not None and NAMES[1] in cost.problem
+
+
+def test_helper_makes_its_share_of_the_label_maps_which_are_those_of_one_computer(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("engine.masks.beside.MIN_PHOTOS_EACH", 1)
+    monkeypatch.setattr("engine.masks.beside.lower_priority", lambda niceness: None)
+    photo_set, helper = replace(read_photo_set(folder / "photos.json"), folder=folder / "photos"), HelperHere()
+
+    def label_maps(masks: Path) -> list[np.ndarray]:
+        load = functools.partial(load_sam, FEW_CLICKS.model, may_use_gpu=False)
+        paths = make_masks(photo_set, NAMES, masks, FEW_CLICKS, load, emit=ignore_events, should_stop=never_stop)
+        return [read_label_map(path) for path in paths.values()]
+
+    masks = folder / "masks"
+    with helped_by(lambda: helper):
+        make_masks_with_helpers(
+            photo_set, folder / "photos.json", NAMES, masks, FEW_CLICKS, emit=ignore_events, should_stop=never_stop
+        )
+    assert [share["names"] for share in helper.shares] == [NAMES[1:]]
+    assert all(label_map_path(masks, name).is_file() for name in NAMES)
+    for one, other in zip(label_maps(masks), label_maps(folder / "alone"), strict=True):
+        assert np.array_equal(one, other)
 
 
 def test_nothing_is_made_unless_it_is_started(folder: Path) -> None:

@@ -16,6 +16,7 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, FormatError, ObjectError, PromptError
 from engine.core.events import Event, Progress, Warned
+from engine.core.shares import helped_by
 from engine.core.words import split_texts
 from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.grounding.detector import PromptCheck
@@ -37,6 +38,7 @@ from engine.project.refused_prompts import read_not_found
 from engine.scene.detailed import load_detailed
 from engine.training.scene_files import save_gaussians
 from tests.conftest import ROOT
+from tests.engine.core.helper_here import HelperHere
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
@@ -405,6 +407,32 @@ def test_all_objects_get_detail_by_one_call_and_none_twice(blobs: BlobScene, pro
     assert [record.detail for record in again] == [record.detail for record in records]
     assert not any(event.message.startswith("Detailing") for event in told)
     assert [one.why for one in list_trash(project.path)] == ["detailed", "detailed"]
+
+
+def test_helper_details_its_share_of_the_objects_with_the_same_bits(
+    blobs: BlobScene, project: ProjectFolder, tmp_path: Path
+) -> None:
+    store(project, blobs, RED, BLUE)
+    dim(project, blobs)
+    alone = shutil.copytree(project.path, tmp_path / "alone")
+    (expected, _), helper = segmenter_of(ProjectFolder.open_existing(alone), blobs, SMALL).detail(), HelperHere()
+    with helped_by(lambda: helper):
+        records = segmenter_of(project, blobs, SMALL).detail()
+    assert [share["name"] for share in helper.shares] == [str(BLUE)]
+    assert not (project.path / "detail_shares").exists()
+    for record in records:
+        here, there = load_detailed(project.path, record.id), load_detailed(alone, record.id)
+        assert here is not None and there is not None and record.detail is not None
+        assert all(
+            np.array_equal(getattr(here.gaussians, name), getattr(there.gaussians, name))
+            for name in ("means", "log_scales", "quats", "opacity_logits", "sh")
+        )
+        assert np.array_equal(here.rows, there.rows) and np.array_equal(here.parents, there.parents)
+    assert expected.detail is not None and records[0].detail is not None
+    assert records[0].detail["psnr"] == expected.detail["psnr"]
+    with helped_by(lambda: helper):
+        segmenter_of(project, blobs, SMALL).detail()
+    assert len(helper.shares) == 1
 
 
 def test_stopping_while_the_second_object_gets_detail_keeps_the_first(blobs: BlobScene, project: ProjectFolder) -> None:

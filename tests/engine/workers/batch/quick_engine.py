@@ -22,7 +22,7 @@ from engine.pipeline.planning.stage_forecast import StageForecast
 from engine.pipeline.runner import StageRunner
 from engine.pipeline.stages import STAGES
 from engine.project.folder import ProjectFolder, stage_key
-from engine.workers.jobs import engine_run
+from engine.workers.batch import helped_engine, stage_task
 
 WITHOUT_MODELS = "TEST_WITHOUT_MODELS"
 FULL_DISK = "TEST_FULL_DISK"
@@ -31,7 +31,7 @@ MEMORY = {"photos": 100_000_000, "cameras": 500_000_000, "training": 900_000_000
 
 def dask_setup(worker: object) -> None:
     """Called by Dask in a worker that preloads this module."""
-    engine_run._MODULE = __name__
+    stage_task.MODULE = __name__
 
 
 @contextlib.contextmanager
@@ -93,6 +93,6 @@ if __name__ == "__main__":
     from engine.cli.commands import reconstruct as command
 
     command.reconstruct = reconstruct  # type: ignore[assignment]
-    code = engine_run._main()
+    code = helped_engine.main()
     sys.stdout.flush()
     os._exit(code)
