@@ -19,13 +19,16 @@ from .runs import ROOT
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure one part, and write its table between its two marks in the document."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.batch", description=__doc__)
-    parser.add_argument("part", choices=("speed", "kills", "simulation"))
+    parser.add_argument("part", choices=("speed", "kills", "split", "simulation"))
     parser.add_argument("--folders", type=int, default=8, help="photo folders (default: %(default)s)")
     parser.add_argument("--photos", type=int, default=8, help="photos of each (default: %(default)s)")
     parser.add_argument("--preset", default="preview", help="of the speed (default: %(default)s)")
     parser.add_argument("--kills", type=int, default=100, help="workers to kill (default: %(default)s)")
     parser.add_argument("--prompts", default="", help="of the kills: objects to isolate; default: without objects")
     parser.add_argument("--minutes", type=float, default=120.0, help="begin no batch later (default: %(default)s)")
+    parser.add_argument("--workers", default="1,2,4", help="of the split: how many (default: %(default)s)")
+    parser.add_argument("--first-core", type=int, default=0, help="of the split (default: %(default)s)")
+    parser.add_argument("--work", type=Path, default=Path("out/split"), help="of the split (default: %(default)s)")
     parser.add_argument("--doc", type=Path, help="document whose table is replaced; by default it is printed")
     options = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="heritage-batch-"))
@@ -38,6 +41,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from .kills import kills_table
 
         text = kills_table(folder, options.folders, options.photos, options.kills, options.minutes, options.prompts)
+    elif options.part == "split":
+        from .split import measure_split, split_table
+
+        for workers in map(int, options.workers.split(",")):
+            measure_split(options.work, workers, options.first_core)
+        text = split_table(options.work)
     else:
         from .simulation import simulation_table
 

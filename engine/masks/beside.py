@@ -149,7 +149,7 @@ def make_masks_with_helpers(
         emit(Progress("masks", len(ended) / len(shares), message=f"{len(ended)} of {len(shares)} shares of photos"))
 
     run_shares(
-        _IN_CHILD, [lambda names=share: {**arguments, "names": names} for share in shares], _NEED,
+        _IN_CHILD, [functools.partial(dict, arguments, names=share) for share in shares], _NEED,
         what=_WHAT, processes=1, finished=count, should_stop=should_stop,
     )  # fmt: skip
 

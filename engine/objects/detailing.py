@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -58,7 +59,7 @@ def detail_objects(project: ProjectFolder, context: SegmentationContext, names: 
     detailed: dict[str, ObjectRecord] = {}
 
     def keep(record: ObjectRecord, made: DetailResult | None = None) -> None:
-        levels = load_levels(path, record.id) if record.levels else ()
+        levels = list(load_levels(path, record.id)) if record.levels else []
         step = context.part(len(detailed), len(records))
         membership = load_membership(path, record.id)
         detailed[record.id] = keep_with_detail(project, step, record, membership, levels, "detailed", made=made)
@@ -74,7 +75,7 @@ def detail_objects(project: ProjectFolder, context: SegmentationContext, names: 
 
         try:
             run_shares(
-                "objects.detailing:detail_share", [lambda given=share: given for share in shares], need,
+                "objects.detailing:detail_share", [functools.partial(dict, share) for share in shares], need,
                 what="detailing", processes=1, finished=take, should_stop=context.should_stop,
             )  # fmt: skip
         finally:
@@ -98,7 +99,7 @@ def keep_with_detail(
     context: SegmentationContext,
     record: ObjectRecord,
     membership: Float32,
-    levels: Sequence[Float32],
+    levels: list[Float32],
     why: str,
     *,
     made: DetailResult | None = None,
@@ -123,7 +124,7 @@ def keep_with_detail(
         context.tell(1.0, f"{record.name}: {result.sentence}")
     keep_version(project, record.id, why=why)
     changed = replace(record, n_gaussians=int(members.sum()), detail=result.record)
-    save_object(path, changed, membership, levels=list(levels), detailed=result.detailed)
+    save_object(path, changed, membership, levels=levels, detailed=result.detailed)
     return changed
 
 

@@ -1,0 +1,170 @@
+"""One project on several workers: seconds of matching, masks and detail, and whether the bits are those of one."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import shutil
+import sqlite3
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from engine.cameras.features import SfmWorkspace, match_features
+from engine.cameras.matching import match_pairs
+from engine.cameras.settings import CameraSettings
+from engine.core.events import ignore_events, never_stop
+from engine.core.shares import helped_by
+from engine.core.system import CORES_VARIABLE, describe_machine, usable_cores, use_cores
+from engine.masks import label_map_path, load_default_sam, load_sam, make_masks, make_masks_with_helpers
+from engine.masks.settings import MaskSettings
+from engine.objects import MaskPrompt, Segmenter
+from engine.objects.grounding import load_default_detector
+from engine.objects.settings import BETTER
+from engine.project.folder import ProjectFolder
+from engine.project.objects import list_objects
+from engine.quality.evaluation import read_ground_truth
+from engine.scene import read_camera_set, read_photo_set
+from engine.workers.batch.helpers import ClusterHelpers
+
+from ..rooms.keeping import unpack_room
+from ..scale.sets import set_of
+from .runs import ROOT, Cluster
+
+__all__ = ["measure_split", "split_table"]
+
+_PHOTOS = "building_60"
+_ROOM = ROOT / "demo" / "random_rooms" / "choosing" / "room_6.tar.xz"
+_N_OBJECTS = 8
+_DETAIL = replace(BETTER, detail_steps=300)
+"""A fifth of the steps of a user: the benchmark is shorter, and what does not grow with the steps weighs more."""
+_WORKS = ("matching", "masks", "detail")
+
+
+def measure_split(work: Path, workers: int, first_core: int) -> None:
+    """Do the three works on one core for each of `workers`, and keep the seconds in ``WORK/split/N.json``."""
+    cores = usable_cores()[first_core : first_core + workers]
+    if len(cores) < workers:
+        raise RuntimeError(f"This computer has no {workers} cores from number {first_core} on.")
+    database, room = _prepared(work)
+    own = work / "split" / f"run_{workers}"
+    shutil.rmtree(own, ignore_errors=True)
+    own.mkdir(parents=True)
+    shutil.copytree(room, own / "room")
+    shutil.copyfile(database, own / "database.db")
+    cluster = Cluster(own / "cluster")
+    cluster.start_scheduler()
+    try:
+        # The engine itself runs on one of the workers, here in this process.
+        for core in cores[1:]:
+            cluster.start_worker(environment={CORES_VARIABLE: str(core)})
+        while len(cluster.worker_processes()) < workers - 1:
+            time.sleep(0.2)
+        use_cores(cores[:1])
+        with helped_by(functools.cache(lambda: ClusterHelpers(cluster.address))):
+            figures = {name: _timed(work_of, own) for name, work_of in zip(_WORKS, _FUNCTIONS, strict=True)}
+    finally:
+        cluster.stop()
+    result = {"workers": workers, "machine": describe_machine().name, **figures}
+    (work / "split" / f"{workers}.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
+
+
+def _timed(work_of: Callable[[Path], Any], own: Path) -> dict[str, Any]:
+    begin = time.perf_counter()
+    digest = work_of(own)
+    seconds = time.perf_counter() - begin
+    sys.stderr.write(f"{work_of.__name__} {seconds:.1f} s\n")
+    return {"seconds": seconds, "sha256": hashlib.sha256(digest).hexdigest()}
+
+
+def _prepared(work: Path) -> tuple[Path, Path]:
+    """Return a database with features and matches, and a trained room with objects; kept for the next time."""
+    photos = set_of(_PHOTOS, work)
+    workspace = SfmWorkspace(work / "split" / "sfm", photos.photos, CameraSettings())
+    match_features(workspace, report=lambda done, message: None, should_stop=never_stop)
+    room = work / "split" / "room"
+    if not room.exists():
+        unpack_room(_ROOM, room)
+    project = ProjectFolder.open_existing(room / "project")
+    if len(list_objects(project.path)) < _N_OBJECTS:
+        _store_objects(project, room)
+    return workspace.database, room
+
+
+def _store_objects(project: ProjectFolder, room: Path) -> None:
+    """Store objects, each by its true mask in the photo that shows most of it."""
+    placed = [camera.photo for camera in read_camera_set(project.path / "cameras").cameras]
+    truth = read_ground_truth(room / "truth", placed)
+    masks = {photo: truth.masks(photo) for photo in truth.photos}
+    project.put("photo_folder", str(room / "photos"))
+    segmenter = _segmenter(project)
+    for name in truth.objects[:_N_OBJECTS]:
+        photo = max(masks, key=lambda one: np.count_nonzero(masks[one].get(name, False)))
+        file = room / f"{name}.png"
+        Image.fromarray(np.uint8(255) * masks[photo][name]).save(file)
+        segmenter.segment(MaskPrompt(photo, file), name)
+
+
+def _segmenter(project: ProjectFolder) -> Segmenter:
+    return Segmenter(project, _DETAIL, load_default_detector, load_default_sam, ignore_events, never_stop)
+
+
+def _matching(own: Path) -> bytes:
+    with contextlib.closing(sqlite3.connect(own / "database.db")) as opened, opened:
+        names = dict(opened.execute("SELECT image_id, name FROM images"))
+        ids = [row for (row,) in opened.execute("SELECT pair_id FROM matches ORDER BY pair_id")]
+        opened.execute("DELETE FROM matches")
+        opened.execute("DELETE FROM two_view_geometries")
+    # As COLMAP joins the numbers of two photos.
+    pairs = sorted((names[one // 2147483647], names[one % 2147483647]) for one in ids)
+    match_pairs(own / "database.db", pairs, CameraSettings(), report=lambda done: None, should_stop=never_stop)
+    with contextlib.closing(sqlite3.connect(own / "database.db")) as opened:
+        tables = [list(opened.execute(f"SELECT * FROM {table}")) for table in ("matches", "two_view_geometries")]
+    return repr(tables).encode()
+
+
+def _masks(own: Path) -> bytes:
+    file, settings, masks = own / "room" / "project" / "photos" / "photos.json", MaskSettings(), own / "masks"
+    photo_set = replace(read_photo_set(file), folder=own / "room" / "photos")
+    names = [photo.name for photo in photo_set.photos]
+    make_masks_with_helpers(photo_set, file, names, masks, settings, emit=ignore_events, should_stop=never_stop)
+    load = functools.partial(load_sam, settings.model, may_use_gpu=False)
+    make_masks(photo_set, names, masks, settings, load, emit=ignore_events, should_stop=never_stop)
+    return b"".join(label_map_path(masks, name).read_bytes() for name in names)
+
+
+def _detail(own: Path) -> bytes:
+    project = ProjectFolder.open_existing(own / "room" / "project")
+    project.put("photo_folder", str(own / "room" / "photos"))
+    _segmenter(project).detail()
+    return b"".join(file.read_bytes() for file in sorted((project.path / "objects").glob("*/detail.npz")))
+
+
+_FUNCTIONS = (_matching, _masks, _detail)
+
+
+def split_table(work: Path) -> str:
+    """Return the table of what was measured."""
+    found = [json.loads(file.read_text(encoding="utf-8")) for file in sorted((work / "split").glob("[0-9]*.json"))]
+    first = found[0]
+    lines = [
+        f"One project, **test** of the bits: matching {_PHOTOS.replace('_', ', ')} photos, label maps of the 24 photos "
+        f"of a generated room, detail of {_N_OBJECTS} of its objects ({_DETAIL.detail_steps} steps each). Every worker "
+        f"has one core; the engine runs on one of them. {first['machine']}.",
+        "",
+        f"| workers | {' | '.join(f'{name}, s | against one' for name in _WORKS)} | bits |",
+        f"| ---: | {'---: | ---: | ' * len(_WORKS)}--- |",
+    ]
+    for one in found:
+        cells = [f"{one[name]['seconds']:.1f} | {first[name]['seconds'] / one[name]['seconds']:.2f}" for name in _WORKS]
+        same = all(one[name]["sha256"] == first[name]["sha256"] for name in _WORKS)
+        lines.append(f"| {one['workers']} | {' | '.join(cells)} | {'those of one' if same else 'others'} |")
+    return "\n".join([*lines, ""])
