@@ -8,6 +8,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
+from multiprocessing import get_context
 from pathlib import Path
 
 from engine.core.system import describe_machine
@@ -45,7 +46,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from .split import measure_split, split_table
 
         for workers in map(int, options.workers.split(",")):
-            measure_split(options.work, workers, options.first_core)
+            # Each keeps itself on one core.
+            measuring = get_context("spawn").Process(
+                target=measure_split, args=(options.work, workers, options.first_core)
+            )
+            measuring.start()
+            measuring.join()
         text = split_table(options.work)
     else:
         from .simulation import simulation_table

@@ -19,8 +19,6 @@ from .child_process import ChildBeside, child_beside
 from .errors import Cancelled
 from .events import StopCheck
 
-__all__ = ["Arguments", "Helper", "HelperCall", "Helpers", "Need", "divided", "helped_by", "run_shares"]
-
 Arguments = dict[str, Any]
 Item = TypeVar("Item")
 

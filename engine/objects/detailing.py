@@ -36,8 +36,6 @@ from .known_objects import BACKGROUND
 from .settings import SegmentSettings
 from .views import Views
 
-__all__ = ["detail_objects", "detail_share", "keep_with_detail"]
-
 _MEMORY = 2_000_000_000
 """Memory of a share on a helper."""
 _FOLDER = "detail_shares"

@@ -14,8 +14,6 @@ from ..jobs import run_as_child
 if TYPE_CHECKING:
     from .helpers import ClusterHelpers
 
-__all__ = ["SCHEDULER_VARIABLE", "main"]
-
 SCHEDULER_VARIABLE = "GAUSSIAN_HERITAGE_SCHEDULER"
 """Environment variable: address of the scheduler; empty where nobody helps."""
 

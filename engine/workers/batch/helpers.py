@@ -20,8 +20,6 @@ from ...core.shares import Arguments, Need
 from ...core.system import given_cores
 from .cluster import MEMORY, worker_resources
 
-__all__ = ["ClusterHelpers"]
-
 _LOOK_SECONDS = 1.0
 """Seconds between two looks at the workers."""
 _BEGIN_SECONDS = 15.0

@@ -9,8 +9,6 @@ from typing import Any
 
 from engine.core.shares import Arguments, Need
 
-__all__ = ["HelperHere"]
-
 
 class _Called:
     finished = True
