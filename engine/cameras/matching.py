@@ -1,14 +1,14 @@
 """Verified matches of pairs of photos, by as many processes as there are cores; each pair gets the bits of one process.
 
 COLMAP's matcher loses matches now and then on several threads; on one thread a pair has always the same matches, in any
-order (docs/design_notes/cameras.md). So every process, here or on a helper, has one thread, shares of the pairs, and
-for each a database with the features of its photos. What a stopped or killed run has matched is merged by the next one.
+order (docs/design_notes/cameras.md). So every process, here or on a helper, has one thread, takes some pairs after the
+other, and has a database of its own with the features of their photos. What a stopped or killed run has matched is
+merged by the next one.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import logging
 import shutil
 import sqlite3
@@ -21,8 +21,8 @@ from ..core.child_process import ChildFailure
 from ..core.errors import CameraError, DiskError
 from ..core.events import StopCheck, never_stop
 from ..core.files import delete_derived, read_json, write_json
-from ..core.shares import Arguments, Need, divided, run_shares
-from ..core.system import free_memory, replace_file
+from ..core.shares import Need, count_taken, helper_places, run_shares, taken_items
+from ..core.system import free_memory
 from .colmap import pycolmap
 from .colmap_calls import is_whole_database, opened_database, require_free_space, wait_for
 from .processes import MATCHING_BYTES, MIN_PAIRS, cores_for, matching_processes
@@ -35,6 +35,7 @@ NamePair = tuple[str, str]
 _PAIRS_PER_BATCH = 24
 _NEED = Need(cores=1, memory=MATCHING_BYTES)
 _WHAT = "matching the photos"
+_BATCHES_FILE = "batches.json"
 _COPIED = ("cameras", "rigs", "rig_sensors", "frames", "frame_data", "images")
 _COPIED_OF_PHOTOS = ("keypoints", "descriptors")
 _MERGED = ("matches", "two_view_geometries")
@@ -73,47 +74,41 @@ def match_pairs(
     folder = database.parent / "shares"
     _merge(database, folder)
     missing = _missing(database, pairs)
-    if not missing:
-        return
+
+    def left(count: int) -> None:
+        report(1.0 - max(0, count) / max(1, len(pairs)))
+
     processes = matching_processes(cores_for(settings.threads), len(missing), free=free_memory())
-    shares = divided(missing, processes, _NEED, least=MIN_PAIRS, most=_copies_on_disk(database))
-
-    def matched(done: int) -> None:
-        report((len(pairs) - len(missing) + done) / len(pairs))
-
-    if len(shares) == 1:
-        _match(database, missing, settings.seed, matched=matched, should_stop=should_stop)
-        return
-    try:
-        _match_in_shares(database, folder, shares, processes, settings.seed, matched, should_stop)
-    finally:
-        _merge(database, folder)
+    processes = max(1, min(processes, _copies_on_disk(database)))
+    if processes > 1 or (len(missing) >= 2 * MIN_PAIRS and helper_places(_NEED)):
+        try:
+            _match_in_shares(database, folder, missing, processes, settings.seed, left, should_stop)
+        finally:
+            _merge(database, folder)
+        # What a lost helper had taken.
+        missing = _missing(database, pairs)
+    _match(database, missing, settings.seed, left=left, should_stop=should_stop)
 
 
 def _match_in_shares(
     database: Path,
     folder: Path,
-    shares: list[list[NamePair]],
+    pairs: Sequence[NamePair],
     processes: int,
     seed: int,
-    matched: Callable[[int], None],
+    left: Callable[[int], None],
     should_stop: StopCheck,
 ) -> None:
-    counts: dict[int, Path] = {}
-
-    def arguments(number: int) -> Arguments:
-        # In a folder of its own, also when it is matched again: a helper that was lost may still write.
-        folder.mkdir(exist_ok=True)
-        part = Path(tempfile.mkdtemp(prefix=f"{number:04d}-", dir=folder)) / "database.db"
-        _copy_features(database, part, {name for pair in shares[number] for name in pair})
-        counts[number] = _count_file(part)
-        return {"database": str(part), "pairs": shares[number], "seed": seed}
-
+    """Match pairs in several processes; those that one has taken that was lost are missing afterwards."""
+    folder.mkdir()
+    # Neighbours in the order of the pairs, which have few photos.
+    batches = _batches(pairs)
+    write_json(folder / _BATCHES_FILE, batches)
     try:
         run_shares(
-            "cameras.matching:match_share", [functools.partial(arguments, number) for number in range(len(shares))],
-            _NEED, what=_WHAT, processes=processes,
-            watch=lambda: matched(sum(map(_read_count, counts.values()))), should_stop=should_stop,
+            "cameras.matching:match_share", {"database": str(database), "folder": str(folder), "seed": seed},
+            len(batches), _NEED, folder=folder, what=_WHAT, processes=processes,
+            watch=lambda: left(len(pairs) - _PAIRS_PER_BATCH * count_taken(folder)), should_stop=should_stop,
         )  # fmt: skip
     except ChildFailure as failure:
         raise CameraError(
@@ -121,37 +116,33 @@ def _match_in_shares(
         ) from failure
 
 
-def match_share(database: str, pairs: list[list[str]], seed: int) -> None:
-    """Match pairs of photos in a database of their own, in a child process; their number is kept in a file beside it.
+def match_share(database: str, folder: str, seed: int) -> None:
+    """Match pairs that no other process has taken, in a child process with a database of its own.
 
     Parameters
     ----------
-    pairs : list of [str, str]
-        Names of photos.
+    database : str
+        With the features; only read.
+    folder : str
+        Where the pairs stand, and the database is made.
 
     Raises
     ------
     CameraError, DiskError
         As `match_pairs`.
     """
-    count = _count_file(Path(database))
-    _match(
-        Path(database),
-        [(first, second) for first, second in pairs],
-        seed,
-        matched=lambda done: write_json(count, done),
-        should_stop=never_stop,
-    )
+    shares = Path(folder)
+    batches = read_json(shares / _BATCHES_FILE, [[[str]]], advice="Run again.")
+    own = Path(tempfile.mkdtemp(prefix="process-", dir=shares)) / "database.db"
+    with opened_database(own):
+        pass  # with COLMAP's tables
+    for number in taken_items(shares, len(batches)):
+        _copy_features(Path(database), own, {name for pair in batches[number] for name in pair})
+        _match(own, batches[number], seed, left=lambda count: None, should_stop=never_stop)
 
 
-def _count_file(database: Path) -> Path:
-    return database.with_name("matched.json")
-
-
-def _read_count(file: Path) -> int:
-    if not file.is_file():
-        return 0
-    return read_json(file, int, advice="Run again.")
+def _batches(pairs: Sequence[NamePair]) -> list[Sequence[NamePair]]:
+    return [pairs[start : start + _PAIRS_PER_BATCH] for start in range(0, len(pairs), _PAIRS_PER_BATCH)]
 
 
 def _match(
@@ -159,10 +150,10 @@ def _match(
     pairs: Sequence[NamePair],
     seed: int,
     *,
-    matched: Callable[[int], None],
+    left: Callable[[int], None],
     should_stop: StopCheck,
 ) -> None:
-    """Match pairs in this process, in batches, after each of which `matched` receives the number of matched pairs."""
+    """Match pairs in this process, in batches; before each of them `left` receives the number of pairs to match."""
     matching = pycolmap.FeatureMatchingOptions()
     # With several threads, one run in 300 loses matches of some pairs: see docs/design_notes/cameras.md.
     matching.num_threads = 1
@@ -171,10 +162,9 @@ def _match(
     verification.ransac.random_seed = seed
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = database.with_name("pairs.txt")
-    for start in range(0, len(pairs), _PAIRS_PER_BATCH):
-        matched(start)
+    for number, batch in enumerate(_batches(pairs)):
+        left(len(pairs) - _PAIRS_PER_BATCH * number)
         require_free_space(database.parent)
-        batch = pairs[start : start + _PAIRS_PER_BATCH]
         text = "".join(f"{first} {second}\n" for first, second in batch)
         pairing.match_list_path.write_text(text, encoding="ascii")
         pycolmap.set_random_seed(seed)
@@ -187,7 +177,7 @@ def _match(
             report=lambda: None,
             should_stop=should_stop,
         )
-    matched(len(pairs))
+    left(0)
 
 
 def _copies_on_disk(database: Path) -> int:
@@ -206,25 +196,21 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         raise DiskError(f"{path} cannot be used: {error}. Free some space and run again.") from error
 
 
-def _copy_features(database: Path, part: Path, names: set[str]) -> None:
-    """Write a database with all photos of `database`, and the features of those in `names`; complete or missing."""
-    require_free_space(part.parent)
-    unfinished = part.with_name("unfinished.db")
-    with opened_database(unfinished):
-        pass  # with COLMAP's tables
-    with _opened(unfinished) as opened:
+def _copy_features(database: Path, own: Path, names: set[str]) -> None:
+    """Copy all photos of `database` that `own` has not, and the features of those in `names`."""
+    require_free_space(own.parent)
+    with _opened(own) as opened:
         opened.execute("ATTACH ? AS whole", (str(database),))
         opened.execute("CREATE TEMP TABLE chosen (name TEXT PRIMARY KEY)")
         with opened:
             opened.executemany("INSERT INTO chosen VALUES (?)", [(name,) for name in names])
             for table in _COPIED:
-                opened.execute(f"INSERT INTO {table} SELECT * FROM whole.{table}")
+                opened.execute(f"INSERT OR IGNORE INTO {table} SELECT * FROM whole.{table}")
             for table in _COPIED_OF_PHOTOS:
                 opened.execute(
-                    f"INSERT INTO {table} SELECT * FROM whole.{table} WHERE image_id IN "
+                    f"INSERT OR IGNORE INTO {table} SELECT * FROM whole.{table} WHERE image_id IN "
                     "(SELECT image_id FROM whole.images WHERE name IN chosen)"
                 )
-    replace_file(unfinished, part)
 
 
 def _missing(database: Path, pairs: Sequence[NamePair]) -> list[NamePair]:
@@ -236,7 +222,7 @@ def _missing(database: Path, pairs: Sequence[NamePair]) -> list[NamePair]:
 
 
 def _merge(database: Path, folder: Path) -> None:
-    """Move what the shares below `folder` hold into `database`, in the order of the shares, and delete them."""
+    """Move what the processes of `folder` have matched into `database`, and delete the folder."""
     for part in sorted(folder.glob("*/database.db")):
         found = _finished(part)
         with _opened(database) as opened, opened:
@@ -249,7 +235,7 @@ def _merge(database: Path, folder: Path) -> None:
 
 
 def _finished(part: Path) -> dict[str, list[tuple[Any, ...]]]:
-    """Return the rows of the finished pairs of a share by their table; none of a damaged one."""
+    """Return the rows of the finished pairs of a database by their table; none of a damaged one."""
     if not is_whole_database(part):
         return {}
     try:

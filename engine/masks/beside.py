@@ -18,12 +18,13 @@ from typing import Any
 from ..core.child_process import ChildrenBeside
 from ..core.errors import HeritageError
 from ..core.events import Emit, Progress, StopCheck, never_stop
+from ..core.files import delete_derived
 from ..core.settings import to_dict
-from ..core.shares import Arguments, Need, divided, run_shares
+from ..core.shares import Need, count_taken, helper_places, run_shares, taken_items
 from ..core.system import PeakMemory, lower_priority
 from ..scene import PhotoSet
 from .settings import SAM_MODELS, MaskSettings
-from .stage import stale_photos
+from .stage import make_masks, stale_photos
 from .storage import label_map_path
 
 _LOG = logging.getLogger(__name__)
@@ -94,7 +95,7 @@ class MasksBeside(ChildrenBeside):
         """Start the children."""
         self._n_kept = sum(path.exists() for path in self._label_maps)
         for names in self._shares:
-            self.begin(_IN_CHILD, {**self._arguments, "names": names}, what=_WHAT)
+            self.begin(_IN_CHILD, {**self._arguments, "batches": [names]}, what=_WHAT)
         self._started = time.perf_counter()
 
     def end(self) -> BesideCost | None:
@@ -118,7 +119,7 @@ class MasksBeside(ChildrenBeside):
         return BesideCost(max(seconds), self._n_kept, peak, problem)
 
 
-def _arguments(photos_file: Path, photo_folder: Path, folder: Path, settings: MaskSettings) -> Arguments:
+def _arguments(photos_file: Path, photo_folder: Path, folder: Path, settings: MaskSettings) -> dict[str, Any]:
     return {
         "photos_file": str(photos_file), "photo_folder": str(photo_folder), "folder": str(folder),
         "settings": to_dict(settings),
@@ -139,27 +140,38 @@ def make_masks_with_helpers(
 
     `photos_file` is the project's ``photos.json``.
     """
-    shares = divided(stale_photos(photo_set, names, folder, settings), 1, _NEED, least=MIN_PHOTOS_EACH)
-    if len(shares) == 1:
+    stale = stale_photos(photo_set, names, folder, settings)
+    if len(stale) < 2 * MIN_PHOTOS_EACH or not helper_places(_NEED):
         return
-    arguments, ended = _arguments(photos_file, photo_set.folder, folder, settings), []
+    shares = folder / "shares"
+    batches = [stale[start : start + MIN_PHOTOS_EACH] for start in range(0, len(stale), MIN_PHOTOS_EACH)]
+    delete_derived(folder, shares.name)
 
-    def count(number: int, result: Any) -> None:
-        ended.append(number)
-        emit(Progress("masks", len(ended) / len(shares), message=f"{len(ended)} of {len(shares)} shares of photos"))
+    def tell() -> None:
+        emit(Progress("masks", count_taken(shares) / len(batches), message="segmenting on several computers"))
 
-    run_shares(
-        _IN_CHILD, [functools.partial(dict, arguments, names=share) for share in shares], _NEED,
-        what=_WHAT, processes=1, finished=count, should_stop=should_stop,
-    )  # fmt: skip
+    given = {**_arguments(photos_file, photo_set.folder, folder, settings), "batches": batches, "shares": str(shares)}
+    try:
+        run_shares(
+            _IN_CHILD, given, len(batches), _NEED,
+            folder=shares, what=_WHAT, processes=1, watch=tell, should_stop=should_stop,
+        )  # fmt: skip
+    finally:
+        delete_derived(folder, shares.name)
 
 
 def make_masks_in_child(
-    photos_file: str, photo_folder: str, names: list[str], folder: str, settings: dict[str, Any]
+    photos_file: str,
+    photo_folder: str,
+    folder: str,
+    settings: dict[str, Any],
+    batches: list[list[str]],
+    shares: str = "",
 ) -> dict[str, Any]:
     """Make label maps and return `seconds` and `peak_memory` of `BesideCost`.
 
-    The parameters are described at `MasksBeside`; here they are JSON values.
+    The parameters are described at `MasksBeside`; here they are JSON values. Of the `batches` of photos, those are
+    segmented that no other process has taken in the folder `shares`; without it, all.
 
     Raises
     ------
@@ -168,15 +180,18 @@ def make_masks_in_child(
     """
     from ..scene import read_photo_set
     from .sam import load_sam
-    from .stage import make_masks
 
     lower_priority(_NICENESS)
     start, chosen = time.perf_counter(), MaskSettings(**settings)
     with PeakMemory.of() as peak:
         photo_set = replace(read_photo_set(Path(photos_file)), folder=Path(photo_folder))
         # Cards are left to the masks stage, which tries them first and reports which device encodes.
-        load = functools.partial(load_sam, chosen.model, threads=sam_threads(chosen), may_use_gpu=False)
-        make_masks(photo_set, names, Path(folder), chosen, load, emit=lambda event: None, should_stop=never_stop)
+        load = functools.cache(lambda: load_sam(chosen.model, threads=sam_threads(chosen), may_use_gpu=False))
+        for number in taken_items(Path(shares), len(batches)) if shares else range(len(batches)):
+            make_masks(
+                photo_set, batches[number], Path(folder), chosen, load,
+                emit=lambda event: None, should_stop=never_stop,
+            )  # fmt: skip
     return {"seconds": time.perf_counter() - start, "peak_memory": peak.bytes}
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,9 @@ import numpy as np
 from ..core.arrays import Float32, Mask
 from ..core.errors import ObjectError
 from ..core.events import ignore_events, never_stop
-from ..core.files import delete_derived
+from ..core.files import delete_derived, read_json, write_json
 from ..core.settings import to_dict
-from ..core.shares import Arguments, Need, divided, run_shares
+from ..core.shares import Need, helper_places, run_shares, taken_items
 from ..core.system import usable_cores
 from ..project.folder import ProjectFolder
 from ..project.objects import (
@@ -31,15 +30,16 @@ from ..project.objects import (
 from ..rasterizer import PROCESSOR
 from ..scene import load_detailed, read_detailed, save_detailed
 from .context import SegmentationContext, scene_on
-from .detail import DetailPhotos, DetailResult, detail_object
+from .detail import DetailResult, detail_object
+from .detail_cutter import DetailPhotos
 from .known_objects import BACKGROUND
 from .settings import SegmentSettings
 from .views import Views
 
 _MEMORY = 2_000_000_000
 """Memory of a share on a helper."""
-_FOLDER = "detail_shares"
-"""Folder in the project for what helpers make; there is none afterwards."""
+_FOLDER, _RECORD = "detail_shares", "record.json"
+"""Folder in the project for what helpers make, which is gone afterwards, and the file there that is written last."""
 
 
 def detail_objects(project: ProjectFolder, context: SegmentationContext, names: Sequence[str]) -> list[ObjectRecord]:
@@ -62,26 +62,43 @@ def detail_objects(project: ProjectFolder, context: SegmentationContext, names: 
         membership = load_membership(path, record.id)
         detailed[record.id] = keep_with_detail(project, step, record, membership, levels, "detailed", made=made)
 
-    missing = [one for one in records if _detail_of(path, one, load_membership(path, one.id) >= one.threshold) is None]
+    missing = {
+        one.id: one for one in records if _detail_of(path, one, load_membership(path, one.id) >= one.threshold) is None
+    }
     need = Need(cores=len(usable_cores()), memory=_MEMORY)
-    if context.views.scene.backend == "cpu" and len(divided(missing, 1, need, least=1)) > 1:
-        shares = [_arguments(path, one, context.settings) for one in missing]
-
-        def take(number: int, record: dict[str, Any]) -> None:
-            folder = Path(shares[number]["folder"])
-            keep(missing[number], DetailResult(read_detailed(folder) if record["kept"] else None, record))
-
-        try:
-            run_shares(
-                "objects.detailing:detail_share", [functools.partial(dict, share) for share in shares], need,
-                what="detailing", processes=1, finished=take, should_stop=context.should_stop,
-            )  # fmt: skip
-        finally:
-            delete_derived(path, _FOLDER)
+    if context.views.scene.backend == "cpu" and len(missing) > 1 and helper_places(need):
+        _make_with_helpers(path, list(missing), need, context, lambda one, made: keep(missing[one], made))
     for record in records:
         if record.id not in detailed:
             keep(record)
     return [detailed[record.id] for record in records]
+
+
+def _make_with_helpers(
+    project: Path, ids: list[str], need: Need, context: SegmentationContext, keep: Callable[[str, DetailResult], None]
+) -> None:
+    """Detail objects here and on helpers, each by one process, and hand over each result when it is there."""
+    folder = project / _FOLDER
+    delete_derived(project, folder.name)
+    kept: set[str] = set()
+
+    def take() -> None:
+        for object_id in [one for one in ids if one not in kept]:
+            if (record_file := folder / object_id / _RECORD).is_file():
+                record = read_json(record_file, {"kept": bool}, advice="Detail the object again.")
+                kept.add(object_id)
+                keep(object_id, DetailResult(read_detailed(record_file.parent) if record["kept"] else None, record))
+
+    arguments = {
+        "project": str(project), "ids": ids, "settings": to_dict(context.settings), "folder": str(folder),
+    }  # fmt: skip
+    try:
+        run_shares(
+            "objects.detailing:detail_share", arguments, len(ids), need,
+            folder=folder, what="detailing", processes=1, watch=take, should_stop=context.should_stop,
+        )  # fmt: skip
+    finally:
+        delete_derived(project, folder.name)
 
 
 def _detail_of(project: Path, record: ObjectRecord, members: Mask) -> DetailResult | None:
@@ -126,23 +143,18 @@ def keep_with_detail(
     return changed
 
 
-def _arguments(project: Path, record: ObjectRecord, settings: SegmentSettings) -> Arguments:
-    folder = project / _FOLDER / record.id
-    return {"project": str(project), "name": record.id, "settings": to_dict(settings), "folder": str(folder)}
-
-
-def detail_share(project: str, name: str, settings: dict[str, Any], folder: str) -> dict[str, Any]:
-    """Detail an object in a child process, write its Gaussians to `folder` if they are kept, and return its figures.
+def detail_share(project: str, ids: list[str], settings: dict[str, Any], folder: str) -> None:
+    """Detail objects that no other process has taken, in a child process that only reads the project.
 
     Parameters
     ----------
     project : str
-        Only read.
-    name : str
-        Id of the object.
+    ids : list of str
+        Of the objects.
     settings : dict
         `SegmentSettings`.
     folder : str
+        Gets a folder for each object, with its figures and, if they are kept, its Gaussians.
 
     Raises
     ------
@@ -152,12 +164,13 @@ def detail_share(project: str, name: str, settings: dict[str, Any], folder: str)
     from ..scene import read_camera_set
     from ..training import load_gaussians
 
-    opened, chosen = ProjectFolder.open_existing(Path(project)), SegmentSettings(**settings)
-    record = load_object(opened.path, name)
+    opened, chosen, shares = ProjectFolder.open_existing(Path(project)), SegmentSettings(**settings), Path(folder)
     scene = scene_on(PROCESSOR, load_gaussians(opened.path / "gaussians"), ignore_events)
     views = Views(scene, read_camera_set(opened.path / "cameras"), render_side=chosen.render_side)
-    members = load_membership(opened.path, record.id) >= record.threshold
-    result = detail_object(views, DetailPhotos.of(opened), members, chosen, should_stop=never_stop)
-    if result.detailed is not None:
-        save_detailed(Path(folder), result.detailed)
-    return result.record
+    for number in taken_items(shares, len(ids)):
+        record = load_object(opened.path, ids[number])
+        members = load_membership(opened.path, record.id) >= record.threshold
+        result = detail_object(views, DetailPhotos.of(opened), members, chosen, should_stop=never_stop)
+        if result.detailed is not None:
+            save_detailed(shares / record.id, result.detailed)
+        write_json(shares / record.id / _RECORD, result.record)

@@ -1,6 +1,6 @@
 """The free workers of a cluster as helpers of an engine that runs on another one; see `engine.core.shares`.
 
-What is sent is the arguments and results of shares, some kilobytes each. Everything else is in the shared folders.
+What is sent is the arguments of a function, some kilobytes. Everything else is in the shared folders.
 """
 
 from __future__ import annotations
@@ -11,24 +11,22 @@ import uuid
 from collections.abc import Sequence
 from typing import Any
 
-from distributed import Client, get_worker
+from distributed import Client, Future, get_worker
 
 from ... import __version__
 from ...core.child_process import ChildrenBeside
 from ...core.errors import HeritageError
-from ...core.shares import Arguments, Need
+from ...core.shares import Need
 from ...core.system import given_cores
 from .cluster import MEMORY, worker_resources
 
 _LOOK_SECONDS = 1.0
 """Seconds between two looks at the workers."""
-_BEGIN_SECONDS = 15.0
-"""Seconds until a share must have begun: somebody else may have given its worker a stage meanwhile."""
 _POLL_SECONDS = 0.2
 
 
 class ClusterHelpers:
-    """The workers of a scheduler that have nothing to do. A worker on which a share failed helps no more.
+    """The workers of a scheduler that have nothing to do. A worker that failed helps no more.
 
     Parameters
     ----------
@@ -74,12 +72,14 @@ class ClusterHelpers:
                 self._cores |= self._client.run(_count_cores, workers=[one for one in found if one not in self._cores])
                 self._resources = found
 
-    def submit(self, address: str, function: str, shares: Sequence[Arguments], need: Need, what: str) -> Any:
-        """Give shares to a worker that has nothing to do, and return their future."""
+    def submit(
+        self, address: str, function: str, arguments: dict[str, Any], count: int, need: Need, what: str
+    ) -> Future[Any]:
+        """Give processes to a worker that has nothing to do, and return their future."""
         self._busy.add(address)
         return self._client.submit(
-            _call_shares, __version__, self._topic, function, list(shares), what,
-            key=f"shares-{uuid.uuid4().hex}", workers=[address], resources={MEMORY: need.memory * len(shares)},
+            _call, __version__, self._topic, function, arguments, count, what,
+            key=f"shares-{uuid.uuid4().hex}", workers=[address], resources={MEMORY: need.memory * count},
             # Before stages that wait for the same worker, so that another engine does not wait for them.
             priority=1, pure=False,
         )  # fmt: skip
@@ -96,34 +96,26 @@ class _Worker:
         """See `Helper`."""
         return min(max(1, self._cores // need.cores), self._memory // need.memory)
 
-    def begin(self, function: str, shares: Sequence[Arguments], need: Need, *, what: str) -> _Call:
+    def begin(self, function: str, arguments: dict[str, Any], count: int, need: Need, *, what: str) -> _Call:
         """See `Helper`."""
-        return _Call(self._helpers, self._address, self._helpers.submit(self._address, function, shares, need, what))
+        future = self._helpers.submit(self._address, function, arguments, count, need, what)
+        return _Call(self._helpers, self._address, future)
 
 
 class _Call:
-    """Shares on a worker; see `HelperCall`."""
+    """Processes on a worker; see `HelperCall`."""
 
-    def __init__(self, helpers: ClusterHelpers, address: str, future: Any) -> None:
+    def __init__(self, helpers: ClusterHelpers, address: str, future: Future[Any]) -> None:
         self._helpers, self._address, self._future = helpers, address, future
-        self._begin_until = time.monotonic() + _BEGIN_SECONDS
 
     @property
-    def finished(self) -> bool:
+    def works(self) -> bool:
         """See `HelperCall`."""
-        late = self._future.key not in self._helpers.begun and time.monotonic() > self._begin_until
-        return late or not self._helpers.is_connected(self._address) or bool(self._future.done())
-
-    def results(self) -> list[Any] | None:
-        """See `HelperCall`."""
-        found: list[Any] | None = None
-        if self._future.status == "finished":
-            with contextlib.suppress(Exception):  # the worker is gone that holds the results
-                found = self._future.result(timeout=_BEGIN_SECONDS)
-        if found is None:
-            self._helpers.failed.add(self._address)
-        self.end()
-        return found
+        if self._future.done():
+            if self._future.status != "finished" or not self._future.result():
+                self._helpers.failed.add(self._address)
+            return False
+        return self._future.key in self._helpers.begun and self._helpers.is_connected(self._address)
 
     def end(self) -> None:
         """See `HelperCall`."""
@@ -135,24 +127,26 @@ def _count_cores() -> int:
     return len(given_cores())
 
 
-def _call_shares(version: str, topic: str, function: str, shares: list[Arguments], what: str) -> list[Any] | None:
-    """Call a function for each share in child processes of a worker; return None when that fails or nobody waits."""
+def _call(version: str, topic: str, function: str, arguments: dict[str, Any], count: int, what: str) -> bool:
+    """Call a function in child processes of a worker; return whether that succeeded and somebody waits for it."""
     worker = get_worker()
     key = worker.get_current_task()
     worker.log_event(topic, key)
     if version != __version__:
-        return None
+        return False
     with ChildrenBeside() as work:
-        for arguments in shares:
+        for _ in range(count):
             work.begin(function, arguments, what=what)
         children = work.take()
         while not all(child.finished for child in children):
             # Dask does not end what it forgets.
             if worker.state.tasks[key].state != "executing":
-                return None
+                return False
             time.sleep(_POLL_SECONDS)
         try:
-            return [child.end() for child in children]
+            for child in children:
+                child.end()
         except (HeritageError, ModuleNotFoundError):
             # The engine that asked says what is wrong if it happens there too.
-            return None
+            return False
+    return True

@@ -1,4 +1,4 @@
-"""A helper that calls its shares in the process of the test, with JSON values as between computers."""
+"""A helper that calls functions in the process of the test, with JSON values as between computers."""
 
 from __future__ import annotations
 
@@ -7,36 +7,30 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from engine.core.shares import Arguments, Need
+from engine.core.shares import Need
 
 
-class _Called:
-    finished = True
-
-    def __init__(self, results: list[Any]) -> None:
-        self._results = results
-
-    def results(self) -> list[Any]:
-        return self._results
+class _Ended:
+    works = False
 
     def end(self) -> None:
         """Nothing runs."""
 
 
 class HelperHere:
-    """All helpers of an engine: one computer that is always free and calls one share at a time."""
+    """All helpers of an engine: one computer, free until it is called, which then takes all items that are left."""
 
     def __init__(self) -> None:
-        self.shares: list[Arguments] = []
+        self.called: list[str] = []
 
     def free(self) -> Sequence[HelperHere]:
-        return [self]
+        return [] if self.called else [self]
 
     def places(self, need: Need) -> int:
         return 1
 
-    def begin(self, function: str, shares: Sequence[Arguments], need: Need, *, what: str) -> _Called:
-        self.shares += shares
+    def begin(self, function: str, arguments: dict[str, Any], count: int, need: Need, *, what: str) -> _Ended:
+        self.called.append(function)
         module, _, name = function.partition(":")
-        called = getattr(importlib.import_module(f"engine.{module}"), name)
-        return _Called([json.loads(json.dumps(called(**json.loads(json.dumps(one))))) for one in shares])
+        getattr(importlib.import_module(f"engine.{module}"), name)(**json.loads(json.dumps(arguments)))
+        return _Ended()

@@ -1,9 +1,10 @@
-"""Shares are called here and on helpers; what a helper loses or cannot do is called again."""
+"""Processes here and on helpers take the items of a work, each item once."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,116 +12,128 @@ import pytest
 from engine.core import shares
 from engine.core.errors import CameraError, Cancelled
 from engine.core.events import never_stop
-from engine.core.shares import Arguments, Need, divided, helped_by, run_shares
+from engine.core.shares import Need, count_taken, helped_by, helper_places, run_shares, taken_items
 
 ONE_CORE = Need(cores=1, memory=100)
 
 
-class Called:
-    """Shares that have ended, with their results."""
+class Call:
+    """Processes of a helper, which work as often as they are asked."""
 
-    def __init__(self, results: list[Any] | None, *, finished: bool = True) -> None:
-        self._results, self.finished = results, finished
-        self.was_ended = False
+    def __init__(self, times: int) -> None:
+        self.left, self.was_ended = times, False
 
-    def results(self) -> list[Any] | None:
-        return self._results
+    @property
+    def works(self) -> bool:
+        self.left -= 1
+        return self.left >= 0
 
-    def end(self) -> Any:
+    def end(self) -> None:
         self.was_ended = True
-        return self._results[0] if self._results else None
 
 
 class Computer:
-    """A helper with some cores, free as often as it has answers."""
+    """A helper with some cores, which is free until it is called."""
 
-    def __init__(self, cores: int, *answers: Callable[[list[int]], Called]) -> None:
-        self._cores, self._answers = cores, list(answers)
-        self.calls: list[Called] = []
+    def __init__(self, cores: int, works: int = 0) -> None:
+        self._cores, self._works = cores, works
+        self.calls: list[Call] = []
+        self.counts: list[int] = []
 
     def free(self) -> Sequence[Computer]:
-        return [self] if len(self.calls) < len(self._answers) else []
+        return [] if self.calls else [self]
 
     def places(self, need: Need) -> int:
         return self._cores // need.cores
 
-    def begin(self, function: str, given: Sequence[Arguments], need: Need, *, what: str) -> Called:
-        self.calls.append(self._answers[len(self.calls)]([one["number"] for one in given]))
+    def begin(self, function: str, arguments: dict[str, Any], count: int, need: Need, *, what: str) -> Call:
+        self.counts.append(count)
+        self.calls.append(Call(self._works))
         return self.calls[-1]
 
 
-def doubled(numbers: list[int]) -> Called:
-    return Called([2 * number for number in numbers])
+class Child:
+    finished = True
 
-
-def lost(numbers: list[int]) -> Called:
-    return Called(None)
+    def end(self) -> None:
+        """It has ended."""
 
 
 @pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The shares that this computer calls, which double a number and fail at 13."""
-    called: list[int] = []
+def takes(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Let a process of this computer take so many items and end."""
 
-    @contextlib.contextmanager
-    def child_beside(function: str, arguments: Arguments, *, what: str) -> Iterator[Any]:
-        if arguments["number"] == 13:
-            raise CameraError("The photos do not overlap.")
-        called.append(arguments["number"])
-        yield doubled([arguments["number"]])
+    def set_up(count: int) -> None:
+        @contextlib.contextmanager
+        def child_beside(function: str, arguments: dict[str, Any], *, what: str) -> Iterator[Child]:
+            for _ in zip(range(count), taken_items(Path(arguments["folder"]), 6), strict=False):
+                pass
+            yield Child()
 
-    monkeypatch.setattr(shares, "child_beside", child_beside)
-    return called
+        monkeypatch.setattr(shares, "child_beside", child_beside)
+
+    return set_up
 
 
-def run(count: int, *, should_stop: Callable[[], bool] = never_stop, processes: int = 1) -> dict[int, Any]:
-    results: dict[int, Any] = {}
+def run(
+    folder: Path, *, processes: int = 1, watch: Callable[[], None] = lambda: None,
+    should_stop: Callable[[], bool] = never_stop,
+) -> None:  # fmt: skip
     run_shares(
-        "work:double", [lambda number=number: {"number": number} for number in range(count)], ONE_CORE,
-        what="doubling", processes=processes, finished=results.__setitem__, should_stop=should_stop,
+        "work:take", {"folder": str(folder)}, 6, ONE_CORE, folder=folder, what="counting", processes=processes,
+        watch=watch, should_stop=should_stop,
     )  # fmt: skip
-    return results
 
 
-def test_without_helpers_each_process_gets_one_share_and_there_are_no_small_ones() -> None:
-    items = list(range(100))
-    assert [len(one) for one in divided(items, 3, ONE_CORE, least=10)] == [33, 33, 34]
-    assert [len(one) for one in divided(items, 16, ONE_CORE, least=40)] == [50, 50]
-    assert [len(one) for one in divided(items, 16, ONE_CORE, least=1, most=2)] == [50, 50]
-    assert divided(items[:3], 16, ONE_CORE, least=40) == [items[:3]]
-    assert sum(divided(items, 7, ONE_CORE, least=1), []) == items
+def test_no_item_is_taken_twice(tmp_path: Path) -> None:
+    first, second = taken_items(tmp_path, 5), taken_items(tmp_path, 5)
+    assert [next(first), next(second), next(first), *second, *first] == [0, 1, 2, 3, 4]
+    assert count_taken(tmp_path) == 5
 
 
-def test_with_helpers_there_are_three_shares_for_each_place() -> None:
-    with helped_by(lambda: Computer(4, doubled)):
-        assert len(divided(range(1000), 2, ONE_CORE, least=10)) == 18
-        assert len(divided(range(1000), 2, Need(cores=4, memory=100), least=10)) == 9
+def test_helpers_count_where_the_engine_may_use_them() -> None:
+    assert helper_places(ONE_CORE) == 0
+    with helped_by(lambda: Computer(4)):
+        assert helper_places(ONE_CORE) == 4 and helper_places(Need(cores=2, memory=100)) == 2
 
 
-def test_every_share_is_called_once_here_or_on_a_helper(here: list[int]) -> None:
-    helper = Computer(2, doubled, doubled)
+def test_helper_gets_processes_while_items_are_left(tmp_path: Path, takes: Callable[[int], None]) -> None:
+    takes(4)
+    few, none_left = Computer(4), Computer(4)
+    with helped_by(lambda: few):
+        run(tmp_path / "some left")
+    takes(6)
+    with helped_by(lambda: none_left):
+        run(tmp_path / "none left")
+    assert few.counts == [2] and few.calls[0].was_ended and not none_left.calls
+
+
+@pytest.mark.parametrize("works", [0, 3])
+def test_helper_is_waited_for_as_long_as_it_works(tmp_path: Path, takes: Callable[[int], None], works: int) -> None:
+    takes(1)
+    helper, seen = Computer(1, works), list[int]()
     with helped_by(lambda: helper):
-        assert run(6) == {number: 2 * number for number in range(6)}
-    assert len(here) == 2 and len(helper.calls) == 2
-    assert run(3, processes=2) == {0: 0, 1: 2, 2: 4}
+        run(tmp_path, watch=lambda: seen.append(helper.calls[0].left))
+    # Once after the process here has ended, and at the end.
+    assert len(seen) == works + 2 and helper.calls[0].was_ended
 
 
-def test_shares_that_a_helper_lost_are_called_again(here: list[int]) -> None:
-    helper = Computer(2, lost)
-    with helped_by(lambda: helper):
-        assert run(4) == {number: 2 * number for number in range(4)}
-    assert sorted(here) == [0, 1, 2, 3] and helper.calls[0].was_ended
+def test_error_here_ends_helpers(tmp_path: Path, takes: Callable[[int], None]) -> None:
+    takes(1)
+    helper = Computer(1, works=1_000)
 
+    def fail() -> None:
+        if helper.calls:
+            raise CameraError("The photos do not overlap.")
 
-def test_error_here_ends_the_shares_of_helpers(here: list[int]) -> None:
-    helper = Computer(12, lambda numbers: Called(None, finished=False))
     with helped_by(lambda: helper), pytest.raises(CameraError, match="do not overlap"):
-        run(20)
+        run(tmp_path, watch=fail)
     assert helper.calls[0].was_ended
 
 
-def test_stop_ends_all_shares(here: list[int]) -> None:
-    helper = Computer(2, lambda numbers: Called(None, finished=False))
-    with helped_by(lambda: helper), pytest.raises(Cancelled, match="Stopped while doubling"):
-        run(4, should_stop=lambda: len(here) == 2)
+def test_stop_ends_helpers(tmp_path: Path, takes: Callable[[int], None]) -> None:
+    takes(1)
+    helper = Computer(1, works=1_000)
+    with helped_by(lambda: helper), pytest.raises(Cancelled, match="Stopped while counting"):
+        run(tmp_path, should_stop=lambda: bool(helper.calls))
     assert helper.calls[0].was_ended

@@ -1,4 +1,4 @@
-"""Free workers of a cluster take shares of the work of an engine, and what it makes has the bits of one computer."""
+"""Free workers of a cluster share the work of an engine, and what it makes has the bits of one computer."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def children_of(process: int) -> list[int]:
 
 
 def once_one_helps(helpers: ClusterHelpers, cluster: Cluster, act: Callable[[int], None]) -> Callable[[float], None]:
-    """Return a progress callback that calls `act` with a worker that has begun a share, once."""
+    """Return a progress callback that calls `act` with a worker that has begun, once."""
     done: list[int] = []
 
     def watch(fraction: float) -> None:
@@ -74,20 +74,28 @@ def test_pairs_matched_on_three_computers_have_the_bits_of_one(
 
 
 @LINUX
-def test_share_of_a_killed_worker_is_done_again(
+def test_what_a_killed_worker_had_taken_is_done_again(
     helpers: ClusterHelpers,
     cluster: Cluster,
     features: Path,  # noqa: F811
     matched: Path,  # noqa: F811
 ) -> None:
+    killed: list[int] = []
+
+    def kill(worker: int) -> None:
+        # The process here and that of the worker have begun.
+        wait_until(lambda: len(list((features.parent / "shares").glob("process-*"))) >= 2)
+        os.kill(worker, signal.SIGKILL)
+        killed.append(worker)
+
     with helped_by(lambda: helpers):
-        match(features, 1, report=once_one_helps(helpers, cluster, lambda worker: os.kill(worker, signal.SIGKILL)))
-    assert helpers.failed
+        match(features, 1, report=once_one_helps(helpers, cluster, kill))
+    assert killed
     assert content(features) == content(matched)
 
 
 @LINUX
-def test_stopped_engine_leaves_no_share_on_a_worker(
+def test_stopped_engine_leaves_nothing_on_a_worker(
     helpers: ClusterHelpers,
     cluster: Cluster,
     features: Path,  # noqa: F811
