@@ -202,6 +202,7 @@ bench-batch: setup ## cost of a batch, and workers killed at random moments, int
 	$(ENGINE) -m benchmarks.batch speed --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch kills --folders 4 --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch kills --folders 2 --kills 30 --prompts vase --doc docs/batch.md
+	$(ENGINE) -m benchmarks.batch split --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch simulation --doc docs/batch.md
 
 video: setup ## a film of the room and three objects, and a picture, into docs/pictures; needs the project of `make demo`; 5 minutes

@@ -32,14 +32,14 @@ from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
 from engine.project.objects import list_objects
 from engine.quality.evaluation import read_ground_truth
-from engine.scene import read_camera_set, read_photo_set
+from engine.scene import read_camera_set, read_photo_set, write_photo_set
 from engine.workers.batch.helpers import ClusterHelpers
 
 from ..rooms.keeping import unpack_room
 from ..scale.sets import set_of
 from .runs import ROOT, Cluster
 
-_PHOTOS = "building_60"
+_PHOTOS, _PHOTOS_FILE = "building_60", "photos.json"
 _ROOM = ROOT / "demo" / "random_rooms" / "choosing" / "room_6.tar.xz"
 _N_OBJECTS = 8
 _STEPS = 300
@@ -58,6 +58,7 @@ def measure_split(work: Path, workers: int, first_core: int) -> None:
     own.mkdir(parents=True)
     shutil.copytree(room, own / "room")
     shutil.copyfile(database, own / "database.db")
+    shutil.copyfile(work / "split" / _PHOTOS_FILE, own / _PHOTOS_FILE)
     cluster = Cluster(own / "cluster")
     cluster.start_scheduler()
     try:
@@ -87,6 +88,7 @@ def _prepared(work: Path) -> tuple[Path, Path]:
     """Return a database with features and matches, and a trained room with objects; kept for the next time."""
     photos = set_of(_PHOTOS, work)
     workspace = SfmWorkspace(work / "split" / "sfm", photos.photos, CameraSettings())
+    write_photo_set(work / "split" / _PHOTOS_FILE, photos.photos)
     match_features(workspace, report=lambda done, message: None, should_stop=never_stop)
     room = work / "split" / "room"
     if not room.exists():
@@ -135,8 +137,8 @@ def _matching(own: Path) -> bytes:
 
 
 def _masks(own: Path) -> bytes:
-    file, settings, masks = own / "room" / "project" / "photos" / "photos.json", MaskSettings(), own / "masks"
-    photo_set = replace(read_photo_set(file), folder=own / "room" / "photos")
+    file, settings, masks = own / _PHOTOS_FILE, MaskSettings(), own / "masks"
+    photo_set = replace(read_photo_set(file), folder=own.parents[1] / _PHOTOS)
     names = [photo.name for photo in photo_set.photos]
     make_masks_with_helpers(photo_set, file, names, masks, settings, emit=ignore_events, should_stop=never_stop)
     load = functools.partial(load_sam, settings.model, may_use_gpu=False)
@@ -159,9 +161,8 @@ def split_table(work: Path) -> str:
     found = [json.loads(file.read_text(encoding="utf-8")) for file in sorted((work / "split").glob("[0-9]*.json"))]
     first = found[0]
     lines = [
-        f"One project, **test** of the bits: matching {_PHOTOS.replace('_', ', ')} photos, label maps of the 24 photos "
-        f"of a generated room, detail of {_N_OBJECTS} of its objects ({_STEPS} steps each). Every worker "
-        f"has one core; the engine runs on one of them. {first['machine']}.",
+        f"Matching and label maps of the set `{_PHOTOS}` of docs/run_time.md, detail of {_N_OBJECTS} objects of a "
+        f"choosing room ({_STEPS} steps each). Every worker has one core; the engine runs on one of them. {first['machine']}.",
         "",
         f"| workers | {' | '.join(f'{name}, s | against one' for name in _WORKS)} | bits |",
         f"| ---: | {'---: | ---: | ' * len(_WORKS)}--- |",

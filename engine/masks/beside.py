@@ -143,9 +143,10 @@ def make_masks_with_helpers(
     stale = stale_photos(photo_set, names, folder, settings)
     if len(stale) < 2 * MIN_PHOTOS_EACH or not helper_places(_NEED):
         return
-    shares = folder / "shares"
+    # Beside the folder, in which photos may have any names.
+    shares = folder.with_name("mask_shares")
     batches = [stale[start : start + MIN_PHOTOS_EACH] for start in range(0, len(stale), MIN_PHOTOS_EACH)]
-    delete_derived(folder, shares.name)
+    delete_derived(shares.parent, shares.name)
 
     def tell() -> None:
         emit(Progress("masks", count_taken(shares) / len(batches), message="segmenting on several computers"))
@@ -157,7 +158,7 @@ def make_masks_with_helpers(
             folder=shares, what=_WHAT, processes=1, watch=tell, should_stop=should_stop,
         )  # fmt: skip
     finally:
-        delete_derived(folder, shares.name)
+        delete_derived(shares.parent, shares.name)
 
 
 def make_masks_in_child(

@@ -107,6 +107,8 @@ _MAX_PHOTO_SHARE = 0.75
 """Reading photos: largest share of the free memory. Threads wait for each other rather than use more."""
 _COLMAP_BYTES = 230_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Cameras: memory of pycolmap and its database."""
+_PLACED_PHOTO_BYTES = 2_000_000
+"""Cameras: largest memory of a placed photo, in the model, its matches and the models of trials: 500 for a feature."""
 _SAM_BYTES = 880_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Masks and objects: memory of SAM."""
 _KEPT_AFTER_SAM_BYTES = 420_000_000  # chosen on museum_room, sakharov_statue32, skull66, banana16
@@ -304,7 +306,7 @@ def memory_of(
     - photos: 65 MB, and per thread 25 MB and 4.1 bytes per pixel, up to 60 million pixels; together at most 75 % of the
       free memory
     - all others: 500 MB for Python, torch and the compiled kernels, and in addition:
-    - cameras: 230 MB, and 260 bytes per pixel of a working copy and core that detects features
+    - cameras: 230 MB, and 260 bytes per pixel of a working copy and core that detects features, or later 2 MB per photo
     - masks: 880 MB for SAM
     - training: per photo and pixel, 3 bytes for the photo, 12 for labels and their index, 36 for the prepared target
       (one photo only where all would take more than 1 GiB); per Gaussian, 24 bytes per number and 256 with features;
@@ -324,7 +326,8 @@ def memory_of(
         if work.pairs == "none":
             return python
         copy = _copy_pixels(work)
-        return int(python + _COLMAP_BYTES + detection_bytes(copy) * detecting_cores(cores, copy, free=free))
+        detecting = detection_bytes(copy) * detecting_cores(cores, copy, free=free)
+        return int(python + _COLMAP_BYTES + max(detecting, _PLACED_PHOTO_BYTES * work.n_photos))
     if stage == "masks":
         return python + _SAM_BYTES
     on_card = work.device.backend == "gpu"

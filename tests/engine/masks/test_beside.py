@@ -135,7 +135,7 @@ def test_helper_makes_its_share_of_the_label_maps_which_are_those_of_one_compute
         make_masks_with_helpers(
             photo_set, folder / "photos.json", NAMES, masks, FEW_CLICKS, emit=ignore_events, should_stop=never_stop
         )
-    assert len(helper.called) == 1 and not (masks / "shares").exists()
+    assert len(helper.called) == 1 and not (folder / "mask_shares").exists()
     assert all(label_map_path(masks, name).is_file() for name in NAMES)
     for one, other in zip(label_maps(masks), label_maps(folder / "alone"), strict=True):
         assert np.array_equal(one, other)

@@ -158,6 +158,12 @@ def test_larger_libraries_are_added_to_every_stage_that_loads_them(known: Calibr
     assert more == {"photos": 0, **dict.fromkeys(("cameras", "masks", "training", "report"), 800_000_000)}
 
 
+def test_memory_of_the_cameras_grows_with_many_photos(known: Calibration) -> None:
+    few, some, many = (forecast(work(n), known).stages[1].memory for n in (30, 60, 1_000))
+    assert few == some < many
+    assert many - few > 1_000_000_000
+
+
 def test_trials_are_forecast_where_they_are_made() -> None:
     def seconds(n: int, **values: float) -> float:
         plan = work(n)
