@@ -162,7 +162,8 @@ def split_table(work: Path) -> str:
     first = found[0]
     lines = [
         f"Matching and label maps of the set `{_PHOTOS}` of docs/run_time.md, detail of {_N_OBJECTS} objects of a "
-        f"choosing room ({_STEPS} steps each). Every worker has one core; the engine runs on one of them. {first['machine']}.",
+        f"choosing room ({_STEPS} steps each). Every worker has one core; the engine runs on one of them. "
+        f"{first['machine']}.",
         "",
         f"| workers | {' | '.join(f'{name}, s | against one' for name in _WORKS)} | bits |",
         f"| ---: | {'---: | ---: | ' * len(_WORKS)}--- |",
