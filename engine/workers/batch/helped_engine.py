@@ -6,23 +6,31 @@ import contextlib
 import functools
 import os
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-from ...core.shares import helped_by
+from ...core.shares import Helper, Helpers, helped_by
 from ..jobs import run_as_child
-
-if TYPE_CHECKING:
-    from .helpers import ClusterHelpers
 
 SCHEDULER_VARIABLE = "GAUSSIAN_HERITAGE_SCHEDULER"
 """Environment variable: address of the scheduler; empty where nobody helps."""
 
 
+class _Nobody:
+    """The helpers of an engine that does not reach the scheduler."""
+
+    def free(self) -> Sequence[Helper]:
+        """See `Helpers`."""
+        return ()
+
+
 @functools.cache
-def _helpers() -> ClusterHelpers:
+def _helpers() -> Helpers:
     from .helpers import ClusterHelpers
 
-    return ClusterHelpers(os.environ[SCHEDULER_VARIABLE])
+    try:
+        return ClusterHelpers(os.environ[SCHEDULER_VARIABLE])
+    except (OSError, TimeoutError):
+        return _Nobody()
 
 
 def main() -> int:

@@ -69,8 +69,9 @@ class ClusterHelpers:
             with contextlib.suppress(OSError, TimeoutError):
                 self._busy = {address for address, tasks in self._client.processing().items() if tasks}
                 found = worker_resources(self._client)
-                self._cores |= self._client.run(_count_cores, workers=[one for one in found if one not in self._cores])
-                self._resources = found
+                new = [address for address in found if address not in self._cores]
+                self._cores |= self._client.run(_count_cores, workers=new, on_error="ignore")
+                self._resources = {address: has for address, has in found.items() if address in self._cores}
 
     def submit(
         self, address: str, function: str, arguments: dict[str, Any], count: int, need: Need, what: str
@@ -111,9 +112,9 @@ class _Call:
     @property
     def works(self) -> bool:
         """See `HelperCall`."""
+        if self._future.status == "error":
+            self._helpers.failed.add(self._address)
         if self._future.done():
-            if self._future.status != "finished" or not self._future.result():
-                self._helpers.failed.add(self._address)
             return False
         return self._future.key in self._helpers.begun and self._helpers.is_connected(self._address)
 
@@ -127,26 +128,29 @@ def _count_cores() -> int:
     return len(given_cores())
 
 
-def _call(version: str, topic: str, function: str, arguments: dict[str, Any], count: int, what: str) -> bool:
-    """Call a function in child processes of a worker; return whether that succeeded and somebody waits for it."""
+def _call(version: str, topic: str, function: str, arguments: dict[str, Any], count: int, what: str) -> None:
+    """Call a function in child processes of a worker, until they end or nobody waits for them.
+
+    Raises
+    ------
+    RuntimeError
+        When that fails. The engine that asked says what is wrong if it happens there too.
+    """
     worker = get_worker()
     key = worker.get_current_task()
     worker.log_event(topic, key)
     if version != __version__:
-        return False
+        raise RuntimeError(f"This worker has version {__version__} of the engine, and not {version}.")
     with ChildrenBeside() as work:
         for _ in range(count):
             work.begin(function, arguments, what=what)
         children = work.take()
-        while not all(child.finished for child in children):
-            # Dask does not end what it forgets.
-            if worker.state.tasks[key].state != "executing":
-                return False
+        # Dask does not end what it forgets.
+        while worker.state.tasks[key].state == "executing" and not all(child.finished for child in children):
             time.sleep(_POLL_SECONDS)
         try:
             for child in children:
                 child.end()
-        except (HeritageError, ModuleNotFoundError):
-            # The engine that asked says what is wrong if it happens there too.
-            return False
-    return True
+        except HeritageError as error:
+            # Its own kind may not be known to Dask.
+            raise RuntimeError(str(error)) from None
