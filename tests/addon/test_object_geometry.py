@@ -1,4 +1,4 @@
-"""The foot of an object and what lies around it, whatever single Gaussians lie far away."""
+"""What lies around an object, whatever single Gaussians lie far away."""
 
 from __future__ import annotations
 
@@ -17,15 +17,6 @@ def vase() -> np.ndarray:
     """500 positions in a box of 0.2 x 0.2 x 0.6 that stands on z = 1."""
     rng = np.random.default_rng(0)
     return (rng.random((500, 3)) * [0.2, 0.2, 0.6] + [3.0, -2.0, 1.0]).astype(np.float32)
-
-
-def test_object_stands_on_its_origin(vase: np.ndarray) -> None:
-    np.testing.assert_allclose(geometry.foot_of(vase), [3.1, -1.9, 1.0], atol=0.02)
-
-
-def test_one_gaussian_far_below_does_not_move_the_foot(vase: np.ndarray) -> None:
-    far = np.array([[3.0, -2.0, -50.0]], np.float32)
-    np.testing.assert_allclose(geometry.foot_of(np.concatenate([vase, far])), [3.1, -1.9, 1.0], atol=0.02)
 
 
 def test_gaussians_around_stay_and_far_ones_go(vase: np.ndarray) -> None:
