@@ -44,13 +44,16 @@ def children_of(process: int) -> list[int]:
 
 
 def once_one_helps(helpers: ClusterHelpers, cluster: Cluster, act: Callable[[int], None]) -> Callable[[float], None]:
-    """Return a progress callback that calls `act` with a worker that has begun, once."""
+    """Return a progress callback that calls `act` with a worker whose processes run, once."""
     done: list[int] = []
+    # Asked now: to ask takes longer than a process of a worker may run.
+    workers = cluster.worker_processes()
 
     def watch(fraction: float) -> None:
-        if not done and helpers.begun:
+        busy = [one for one in workers if children_of(one)] if helpers.begun and not done else []
+        if busy:
             done.append(1)
-            act(next(one for one in cluster.worker_processes() if children_of(one)))
+            act(busy[0])
 
     return watch
 
