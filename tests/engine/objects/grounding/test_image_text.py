@@ -121,10 +121,10 @@ def test_file_with_16_bits_gives_nearly_the_same(tiny: Tiny, tmp_path: Path, kee
 def test_file_with_8_bits_gives_alike_vectors(tiny: Tiny, tmp_path: Path) -> None:
     files = [tmp_path / "vision.onnx", tmp_path / "text.onnx"]
     for file in files:
-        quantize_dynamic(str(tiny.folder / file.name), str(file))
-    _assert_alike(
-        tiny, tiny.encoder_of(*files), 0.02
-    )  # 8 bits have two digits, and errors of all layers add up; seen: 2e-3
+        # Processors without VNNI add products of 8 bits in 16 bits, which 7 bits of the weights do not exceed.
+        quantize_dynamic(str(tiny.folder / file.name), str(file), reduce_range=True)
+    # 7 bits have two digits, and errors of all layers add up
+    _assert_alike(tiny, tiny.encoder_of(*files), 0.02)
 
 
 def test_file_with_4_bits_gives_alike_vectors(tiny: Tiny, tmp_path: Path) -> None:
