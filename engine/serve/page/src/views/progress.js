@@ -13,7 +13,7 @@ const PICTURE_EVERY = 2000; // Milliseconds between live pictures at least.
 export function createProgress(context, { compact = false } = {}) {
   const { id, session } = context;
   let job = null;
-  let said = "";
+  let announced = "";
   let lastPicture = 0;
 
   const heading = h(compact ? "h3" : "h2");
@@ -132,8 +132,8 @@ export function createProgress(context, { compact = false } = {}) {
   function say() {
     const quarter = Math.floor(4 * (job.fraction ?? 0)) * 25;
     const text = job.state === "running" ? `${stageText(session.stages, job.stage)}, ${quarter} %` : headingOf(job);
-    if (text !== said) announce(text);
-    said = text;
+    if (text !== announced) announce(text);
+    announced = text;
   }
 
   return { element, update };
