@@ -64,7 +64,8 @@ READING = {
 MODULES_THAT_READ = {"json", "np", "torch", "Image", "tarfile", "pickle"}
 """``load``, ``loads`` and ``open`` of these read, too."""
 NOT_REACHED = {
-    "engine/cameras/matching.py:_read_count": "what its own child processes state while it waits for them",
+    "engine/cameras/matching.py:match_share": "what the engine that waits for this process has just written",
+    "engine/objects/detailing.py:_make_with_helpers": "what processes state while the engine waits for them",
     "engine/core/child_process.py": "what the parent process and the system state",
     "engine/serve/page_files.py": "the built page",
     "engine/workers/jobs/click_preview.py": "what the add-on and the engine tell each other while they run",
