@@ -101,7 +101,7 @@ def test_georeferenced_poses_that_are_not_normalised_are_found(monkeypatch: pyte
     [
         (train, "check_start", "start_sh_nan"),
         (train, "check_result", "opacity_all_0"),
-        (train, "flat_psnr", "rates_x100"),
+        (train, "flat_psnr", "rates_x1000"),
         (views, "_check_size", "other_size_held_out"),
     ],
 )
