@@ -21,7 +21,7 @@ from ..scene import CameraSet, Gaussians
 from .graph import SceneGraph, load_or_build_graph, read_graph
 from .known_objects import stored_memberships
 from .photos import Photos, SamFactory
-from .settings import DEFAULT_THRESHOLD, SegmentSettings
+from .settings import MEMBER_THRESHOLD, SegmentSettings
 from .support import Surfaces, horizontal_surfaces
 from .views import Views
 
@@ -185,7 +185,7 @@ def load_context(
 
     def stored() -> dict[str, Mask]:
         each = stored_memberships(project.path, len(scene))
-        return {key: membership >= DEFAULT_THRESHOLD for key, membership in each.items()}
+        return {key: membership >= MEMBER_THRESHOLD for key, membership in each.items()}
 
     scene = scene_on(device, load_gaussians(project.path / "gaussians"), emit)
     return SegmentationContext(

@@ -13,7 +13,7 @@ from ..core.errors import PromptError
 from ..masks import mask_iou
 from .context import SegmentationContext
 from .graph import bounded
-from .settings import DEFAULT_THRESHOLD
+from .settings import MEMBER_THRESHOLD
 from .support import standing
 from .views import SAME_IOU, Views
 from .votes import MaskEvidence, Votes, count_votes
@@ -21,7 +21,7 @@ from .votes import MaskEvidence, Votes, count_votes
 NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
 NONE_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
 
-BELOW_THRESHOLD = np.nextafter(np.float32(DEFAULT_THRESHOLD), np.float32(0))
+BELOW_THRESHOLD = np.nextafter(np.float32(MEMBER_THRESHOLD), np.float32(0))
 """Largest membership of a Gaussian that does not belong to a new object."""
 
 MAX_COMMON = 0.5
@@ -100,7 +100,7 @@ class FoundObject:
     @property
     def members(self) -> Mask:
         """Gaussians that belong to the object, bool [N]."""
-        return self.membership >= DEFAULT_THRESHOLD
+        return self.membership >= MEMBER_THRESHOLD
 
 
 def fit_of(item: MaskEvidence, members: Mask, views: Views) -> float:
@@ -207,9 +207,9 @@ def _nested(context: SegmentationContext, solved: Float32, masks: Sequence[MaskE
     """
     # Rounding must not let a level leave the next one.
     levels = np.maximum.accumulate([bounded(one, context.means) for one in solved])
-    if not (levels[_USUAL] >= DEFAULT_THRESHOLD).any():
+    if not (levels[_USUAL] >= MEMBER_THRESHOLD).any():
         return None
-    chosen = _fitting(context, levels >= DEFAULT_THRESHOLD, masks)
+    chosen = _fitting(context, levels >= MEMBER_THRESHOLD, masks)
     return _distinct(_standing(context, levels, chosen, masks), context.views, chosen)
 
 
@@ -218,7 +218,7 @@ def _standing(context: SegmentationContext, levels: Float32, chosen: int, masks:
 
     Its foot belongs to this level and all larger ones, and what carries it only to larger ones.
     """
-    members = levels[chosen] >= DEFAULT_THRESHOLD
+    members = levels[chosen] >= MEMBER_THRESHOLD
     whole = standing(members, context.surfaces, context.means)
     if masks:
         before, after = _fits(context, np.stack([members, whole]), masks)
@@ -226,8 +226,8 @@ def _standing(context: SegmentationContext, levels: Float32, chosen: int, masks:
             return levels
     foot, carrier = whole & ~members, members & ~whole
     changed = levels.copy()
-    changed[: chosen + 1, carrier] *= DEFAULT_THRESHOLD
-    changed[chosen:, foot] = 1 - (1 - changed[chosen:, foot]) * DEFAULT_THRESHOLD
+    changed[: chosen + 1, carrier] *= MEMBER_THRESHOLD
+    changed[chosen:, foot] = 1 - (1 - changed[chosen:, foot]) * MEMBER_THRESHOLD
     return changed
 
 
@@ -291,8 +291,8 @@ def _distinct(memberships: Float32, views: Views, itself: int) -> Levels:
     """Return the levels that differ from those nearer to the object, number `itself`, at most a `length_unit` long."""
     kept = [itself]
     for number in sorted(range(len(memberships)), key=lambda number: abs(number - itself)):
-        members = memberships[number] >= DEFAULT_THRESHOLD
-        same = any(mask_iou(members, memberships[other] >= DEFAULT_THRESHOLD) > SAME_IOU for other in kept)
+        members = memberships[number] >= MEMBER_THRESHOLD
+        same = any(mask_iou(members, memberships[other] >= MEMBER_THRESHOLD) > SAME_IOU for other in kept)
         if members.any() and not same and views.extent(members) <= 1:
             kept.append(number)
     return Levels(tuple(memberships[number] for number in sorted(kept)), sorted(kept).index(itself))

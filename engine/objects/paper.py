@@ -30,7 +30,7 @@ from .evidence import (
 from .graph import bounded
 from .lifting import BELOW_THRESHOLD, NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, is_same
 from .prompts import ClickPrompt, Place, Prompt, TextPrompt
-from .settings import DEFAULT_THRESHOLD, PaperSettings
+from .settings import MEMBER_THRESHOLD, PaperSettings
 from .views import View, erode_mask, spread_cameras
 from .votes import MaskEvidence, count_votes
 
@@ -96,7 +96,7 @@ def _candidates(
         if membership is None:
             continue
         one = FoundObject(
-            Levels((membership,)), item.score, fit_of(item, membership >= DEFAULT_THRESHOLD, context.views), (item,)
+            Levels((membership,)), item.score, fit_of(item, membership >= MEMBER_THRESHOLD, context.views), (item,)
         )
         alike = (k for k, other in enumerate(candidates) if is_same(other.members, one.members))
         same = next(alike, None)
@@ -178,7 +178,7 @@ def _lift(item: MaskEvidence, prompt: Prompt, context: SegmentationContext, sett
     if direction is None:
         return None
     membership = calibrated(views.directions @ direction, settings.cosine)
-    connected = connected_members(membership >= DEFAULT_THRESHOLD, item, views)
+    connected = connected_members(membership >= MEMBER_THRESHOLD, item, views)
     membership = np.where(connected, membership, np.minimum(membership, BELOW_THRESHOLD))
     return bounded(membership, context.means) if connected.any() else None
 
@@ -193,11 +193,11 @@ def _shown_by(evidence: Sequence[MaskEvidence], context: SegmentationContext) ->
 
 
 def _completed(candidate: FoundObject, means: Float32, settings: PaperSettings) -> Float32:
-    """Return the membership with the convex hull of the object filled in at `DEFAULT_THRESHOLD`."""
+    """Return the membership with the convex hull of the object filled in at `MEMBER_THRESHOLD`."""
     corners, membership = means[candidate.members], candidate.membership
     if settings.outlier_iqr is not None:
         corners = corners[within_quartiles(corners, settings.outlier_iqr)]
-    return np.where(inside_hull(corners, means), np.maximum(membership, DEFAULT_THRESHOLD), membership)
+    return np.where(inside_hull(corners, means), np.maximum(membership, MEMBER_THRESHOLD), membership)
 
 
 def _agreement(candidate: FoundObject, searched: set[str], context: SegmentationContext) -> float:
@@ -247,11 +247,11 @@ def mean_direction(features: Float32, cosine: float, start: Float32 | None = Non
 
 
 def calibrated(cosine: Floats, threshold: float) -> Float32:
-    """Map cosines to memberships, piecewise linearly: -1 to 0, `threshold` to `DEFAULT_THRESHOLD` exactly, 1 to 1."""
+    """Map cosines to memberships, piecewise linearly: -1 to 0, `threshold` to `MEMBER_THRESHOLD` exactly, 1 to 1."""
     cosine = np.asarray(cosine, np.float32)
-    above = DEFAULT_THRESHOLD + (1 - DEFAULT_THRESHOLD) * (cosine - np.float32(threshold)) / np.float32(1 - threshold)
+    above = MEMBER_THRESHOLD + (1 - MEMBER_THRESHOLD) * (cosine - np.float32(threshold)) / np.float32(1 - threshold)
     # Rounding must not bring a cosine below the threshold to the members.
-    below = np.minimum(DEFAULT_THRESHOLD * (cosine + 1) / np.float32(1 + threshold), BELOW_THRESHOLD)
+    below = np.minimum(MEMBER_THRESHOLD * (cosine + 1) / np.float32(1 + threshold), BELOW_THRESHOLD)
     return np.clip(np.where(cosine >= np.float32(threshold), above, below), 0, 1).astype(np.float32)
 
 

@@ -22,7 +22,7 @@ from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, choose_sets
-from .settings import DEFAULT_THRESHOLD, SURE_SCORE, PaperSettings
+from .settings import MEMBER_THRESHOLD, SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
 from .votes import MaskEvidence
@@ -209,7 +209,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     for done, (levels, name) in enumerate(each, start=1):
         if levels is None:  # all of it is drawn to what surrounds it
             continue
-        whole = levels.memberships[levels.chosen] >= DEFAULT_THRESHOLD
+        whole = levels.memberships[levels.chosen] >= MEMBER_THRESHOLD
         # The foot of a likelier object may be most of what was chosen.
         if (whole & taken).sum() > MAX_COMMON * whole.sum():
             continue

@@ -45,7 +45,7 @@ from .known_objects import BACKGROUND, found_again, stored_memberships, was_chan
 from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_kept
 from .photos import SamFactory
 from .prompts import Point, Prompt, TextPrompt, describe_prompt
-from .settings import DEFAULT_THRESHOLD, SURE_SCORE, SegmentSettings
+from .settings import DEFAULT_THRESHOLD, MEMBER_THRESHOLD, SURE_SCORE, SegmentSettings
 from .teaching import learn, teach_kept
 from .votes import MaskEvidence
 
@@ -354,7 +354,7 @@ class Segmenter:
             raise PromptError("No object was found in front of the background of this scene. Click on an object.")
         new: list[FoundObject] = []
         kept: dict[str, None] = {}
-        stored = {key: one >= DEFAULT_THRESHOLD for key, one in existing.items()}
+        stored = {key: one >= MEMBER_THRESHOLD for key, one in existing.items()}
         for number, item in enumerate(found, start=1):
             same = [key for key, members in stored.items() if is_same(item.members, members)]
             kept |= dict.fromkeys(same)
@@ -382,7 +382,7 @@ class Segmenter:
             )
         highest = np.maximum.reduce(list(memberships.values()))
         # 1 - m. At exactly the threshold a Gaussian belongs to the object only, never to both.
-        membership = np.where(highest >= DEFAULT_THRESHOLD, np.minimum(1 - highest, BELOW_THRESHOLD), 1 - highest)
+        membership = np.where(highest >= MEMBER_THRESHOLD, np.minimum(1 - highest, BELOW_THRESHOLD), 1 - highest)
         for record in list_objects(self.project.path):
             if record.prompt.get("kind") == BACKGROUND:
                 delete_object(self.project, record.id, why="replaced by a new background")
@@ -451,7 +451,7 @@ class Segmenter:
 
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
         """Return the record of a new object, with an id and a name that no other object of the project has."""
-        counts = [int((level >= DEFAULT_THRESHOLD).sum()) for level in item.levels.memberships]
+        counts = [int((level >= MEMBER_THRESHOLD).sum()) for level in item.levels.memberships]
         evidence = [{"photo": one.view.camera.photo, "score": one.score} for one in item.evidence]
         several, path = len(counts) > 1, self.project.path
         return ObjectRecord(

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 from ..core.settings import require
 from ..masks.settings import INSTANCE_COSINE
 
-DEFAULT_THRESHOLD = 0.5
-"""Membership from which on a Gaussian belongs to a new object, until the user moves the slider: as much speaks for it
-as against it."""
+MEMBER_THRESHOLD = 0.5
+"""Membership from which on a Gaussian belongs to the object as it was isolated: as much speaks for it as against it."""
+DEFAULT_THRESHOLD = MEMBER_THRESHOLD
+"""Where the slider of a new object starts: at the object as it was isolated."""
 
 
 @dataclass(frozen=True)
