@@ -13,6 +13,10 @@ CameraModel = Literal[
 ]  # fmt: skip
 
 
+FEWEST_PHOTOS = 3
+"""Photos without which there is no scene: two do not tell a wrong match from a right one."""
+
+
 @dataclass(frozen=True)
 class CameraSettings:
     """Settings of structure from motion. Every field is part of the stage key.
@@ -36,7 +40,7 @@ class CameraSettings:
     neighbours : int
         Minimum number of partners of a photo when pairs are selected.
     min_registered : int
-        Minimum number of photos that must be placed, at least 3.
+        Minimum number of photos that must be placed, at least `FEWEST_PHOTOS`.
     seed : int
         Random seed.
     threads : int
@@ -49,7 +53,7 @@ class CameraSettings:
     model: CameraModel = "SIMPLE_RADIAL"
     exhaustive_up_to: int = 16
     neighbours: int = 8
-    min_registered: int = 3
+    min_registered: int = FEWEST_PHOTOS
     seed: int = 0
     threads: int = 0
 
@@ -59,6 +63,6 @@ class CameraSettings:
         require_choices(self)
         require(self, "exhaustive_up_to", self.exhaustive_up_to >= 2, "at least 2")
         require(self, "neighbours", self.neighbours >= 2, "at least 2")
-        require(self, "min_registered", self.min_registered >= 3, "at least 3")
+        require(self, "min_registered", self.min_registered >= FEWEST_PHOTOS, f"at least {FEWEST_PHOTOS}")
         require(self, "seed", self.seed >= 0, "at least 0")
         require(self, "threads", self.threads >= 0, "at least 0")

@@ -27,7 +27,7 @@ from .lens_groups import map_with_lenses
 from .lens_trials import ModelTrials
 from .mirrored import mirrored_photos
 from .reconstruction import camera_in_photo, camera_set, points_of, rounded, viewmat_of
-from .settings import CameraSettings
+from .settings import FEWEST_PHOTOS, CameraSettings
 from .still_background import still_background
 
 _STAGE = "cameras"
@@ -54,7 +54,7 @@ def estimate_cameras(
     Parameters
     ----------
     photo_set : PhotoSet
-        At least three photos.
+        At least `FEWEST_PHOTOS` photos.
     folder : Path
         Work folder for this function only, created when missing. It may be deleted after success.
     emit : Emit
@@ -71,7 +71,7 @@ def estimate_cameras(
     Raises
     ------
     CameraError
-        With fewer than three photos, or when fewer than ``settings.min_registered`` could be placed.
+        With fewer than `FEWEST_PHOTOS` photos, or when fewer than ``settings.min_registered`` could be placed.
     PhotoError
         When a photo was removed or changed in the meantime.
     Cancelled
@@ -81,10 +81,10 @@ def estimate_cameras(
     """
     settings = settings or CameraSettings()
     count = len(photo_set.photos)
-    if count < 3:
+    if count < FEWEST_PHOTOS:
         raise CameraError(
-            f"Camera poses cannot be found from {count} photo{'s' if count != 1 else ''}: at least 3 that overlap are "
-            "needed, and 20 to 60 around an object work well."
+            f"Camera poses cannot be found from {count} photo{'s' if count != 1 else ''}: at least {FEWEST_PHOTOS} "
+            "that overlap are needed, and 20 to 60 around an object work well."
         )
     progress = _ProgressReporter(emit)
     workspace = SfmWorkspace(folder, photo_set, settings)

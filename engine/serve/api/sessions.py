@@ -7,6 +7,7 @@ from typing import Any
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
+from ...cameras.settings import FEWEST_PHOTOS
 from ...core.language import languages
 from ...core.stage_names import STAGE_NAMES
 from ...photos.settings import VIDEO_SUFFIXES
@@ -56,6 +57,7 @@ def _description(request: Request, user: str | None, cookie: str) -> dict[str, A
     limits = {
         "photo_bytes": server.settings.max_photo_bytes,
         "project_photos": server.settings.max_photos,
+        "fewest_photos": FEWEST_PHOTOS,
         "photo_types": list(PHOTO_TYPES),
         "video_types": list(VIDEO_SUFFIXES),
     }

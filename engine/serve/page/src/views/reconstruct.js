@@ -6,8 +6,6 @@ import { forecastText } from "../format.js";
 import { isActive } from "../jobs.js";
 import { t } from "../language.js";
 
-const FEWEST = 3; // Fewer photos never give a scene.
-
 function createOption(label, description) {
   const input = h("input", { type: "checkbox" });
   const words = h("span", null, h("strong", null, label), h("span", { class: "hint" }, description));
@@ -56,7 +54,7 @@ export function createReconstruct(context, photos) {
     const usable = project.photos.filter((photo) => photo.accepted !== false).length;
     let reason = "";
     if (photos.busy()) reason = t("Wait until all files are uploaded.");
-    else if (usable < FEWEST && !hasVideo()) reason = t("Add more photos. At least {} are needed; 30 to 100 are best.", FEWEST);
+    else if (usable < session.limits.fewest_photos && !hasVideo()) reason = t("Add more photos. At least {} are needed; 30 to 100 are best.", session.limits.fewest_photos);
     button.disabled = reason !== "";
     const advice = usable < 20 && !hasVideo() ? t("More photos give a better result. Best are 30 to 100.") : t("You can close this page meanwhile.");
     setText(note, reason || advice);
@@ -67,7 +65,7 @@ export function createReconstruct(context, photos) {
     button.classList.toggle("large", isNext);
     button.classList.toggle("main", isNext);
     show(element, project.photos.length > 0 && !isActive(project.job));
-    if (!reason && usable >= FEWEST) forecast();
+    if (!reason && usable >= session.limits.fewest_photos) forecast();
   }
 
   /** Ask the server how long each preset takes, once for these photos and only where it is seen. */
