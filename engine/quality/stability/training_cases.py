@@ -120,7 +120,7 @@ def _rates() -> list[TrainingCase]:
     def settings(factor: float) -> TrainingSettings:
         return scale_learning_rates(SETTINGS, factor * PRESETS["test"].optimiser.lr_sh / SETTINGS.optimiser.lr_sh)
 
-    # With rates a hundred times as high, rounding decides whether something is learnt, so the ending differs by machine.
+    # At a hundred times the rates, rounding decides whether something is learnt: the ending differs by machine.
     too_high = partial(measure_training, partial(_input, _known, settings(1000.0)))
     return [
         _finishes("rates_x10", "learning rates ten times the preset's", _known, flat_floor(_known), settings(10.0)),

@@ -1,4 +1,4 @@
-"""Measurement of one training run: ending, PSNR, guards that acted, and values on disk that are not finite."""
+"""Measurement of one training run: its ending, PSNR, clamped values, and stored values that are not finite."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from typing import Literal
 import numpy as np
 
 from ...core.errors import FormatError, HeritageError
-from ...core.events import Event, StopCheck, Warned, never_stop
+from ...core.events import Event, StopCheck, Warned, ignore_events, never_stop
 from ...core.files import ArraySpec, parse_json, read_arrays
 from ...scene import Gaussians
-from ...training import CHECKPOINT_FILE, TrainingResult, load_gaussians, save_gaussians, train
+from ...training import CHECKPOINT_FILE, TrainingResult, save_gaussians, train
 from ...training.settings import TrainingSettings
 from .training_scenes import TrainingInput
 
@@ -38,7 +38,7 @@ class TrainingFinding:
     guards : mapping of str to int
         Number of values that each guard and each limit clamped.
     problems : tuple of str
-        Problems of any case, whatever it expects, one clause each.
+        Faults that no case may have, such as stored values that are not finite; a clause each.
     """
 
     ending: Ending
@@ -80,9 +80,7 @@ def run_training(
     inputs: TrainingInput, settings: TrainingSettings, folder: Path, should_stop: StopCheck
 ) -> TrainingResult:
     """Train with checkpoints in `folder` and return the result."""
-    return train(
-        inputs.start, inputs.views, settings, checkpoints=folder, emit=lambda event: None, should_stop=should_stop
-    )
+    return train(inputs.start, inputs.views, settings, checkpoints=folder, emit=ignore_events, should_stop=should_stop)
 
 
 def measure_training(
@@ -137,19 +135,13 @@ def same_gaussians(first: Gaussians, second: Gaussians) -> bool:
 
 
 def non_finite_values(folder: Path) -> list[str]:
-    """Return the arrays of checkpoint and scene in `folder` that are not finite, one clause each."""
-    problems = []
-    if (folder / CHECKPOINT_FILE).is_file():
-        problems += _non_finite_in_checkpoint(folder / CHECKPOINT_FILE)
-    if (folder / "scene.ply").is_file():
-        scene = load_gaussians(folder)
-        for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
-            if not np.isfinite(getattr(scene, name)).all():
-                problems.append(f"`{name}` of the scene is not finite")
-    return problems
+    """Return the arrays of the checkpoint in `folder` that are not finite, one clause each; none without a checkpoint.
 
-
-def _non_finite_in_checkpoint(file: Path) -> list[str]:
+    A scene that is not finite is no finding of this function: `save_gaussians` refuses it.
+    """
+    file = folder / CHECKPOINT_FILE
+    if not file.is_file():
+        return []
     try:
         stored = read_arrays(file, {"record": ArraySpec("str", ())}, optional={"*": _STORED}, advice="")
         step = parse_json(str(stored.pop("record")), {"step": int}, source=str(file), advice="")["step"]

@@ -136,13 +136,13 @@ def test_noise_that_moves_gaussians_out_of_the_scene_is_found(
     assert isinstance(row, TrainingRow) and row.finding.guards["clamped_positions"] > 0
 
 
-def test_a_scene_file_that_is_not_finite_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = training_measure.load_gaussians
+def test_a_scene_that_is_not_finite_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = training_measure.train
 
-    def broken(folder: Any) -> Any:
-        scene = original(folder)
-        scene.means[0] = np.nan
-        return scene
+    def broken(*args: Any, **options: Any) -> Any:
+        result = original(*args, **options)
+        result.gaussians.means[0] = np.nan
+        return result
 
-    monkeypatch.setattr(training_measure, "load_gaussians", broken)
-    assert "`means` of the scene is not finite" in problems_of("undisturbed")
+    monkeypatch.setattr(training_measure, "train", broken)
+    assert "values of `means` are not finite" in problems_of("undisturbed")
