@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .gpu import GpuScene
     from .jit import INNER, JIT, cache_folder
     from .raster import CulledCounts, Raster, check_camera, check_finite
-    from .reference import project_centres, project_covariances
+    from .reference import project_centres, project_covariances, rotation_matrices
     from .settings import MAX_CHANNELS
     from .simd import fma, load, select, splat, store
     from .threads import Share, n_usable_cores, new_counters, run_shared, take_range
@@ -63,6 +63,7 @@ __all__ = [
     "project_centres",
     "project_covariances",
     "rasterize",
+    "rotation_matrices",
     "run_on",
     "run_shared",
     "scene_on_card",

@@ -157,7 +157,7 @@ def project_covariances(
         [torch.stack([fx / z, zero, -fx * tan_x / z], dim=1), torch.stack([zero, fy / z, -fy * tan_y / z], dim=1)],
         dim=1,
     )
-    m = jacobian @ rotation @ _rotations(quats) @ torch.diag_embed(scales)
+    m = jacobian @ rotation @ rotation_matrices(quats) @ torch.diag_embed(scales)
     cov_xx = (m[:, 0] ** 2).sum(dim=1) + settings.low_pass
     cov_yy = (m[:, 1] ** 2).sum(dim=1) + settings.low_pass
     cov_xy = (m[:, 0] * m[:, 1]).sum(dim=1)
@@ -166,9 +166,9 @@ def project_covariances(
     return cov_xx, cov_xy, cov_yy, det
 
 
-def _rotations(quats: torch.Tensor) -> torch.Tensor:
-    """Return rotation matrices [N, 3, 3] of quaternions wxyz [N, 4] of any length."""
-    w, x, y, z = (quats / quats.norm(dim=1, keepdim=True)).unbind(dim=1)
+def rotation_matrices(quats: torch.Tensor) -> torch.Tensor:
+    """Return rotation matrices [N, 3, 3] of quaternions wxyz [N, 4] of any length above 0."""
+    w, x, y, z = torch.nn.functional.normalize(quats, dim=1).unbind(dim=1)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 import torch
 
+from ..rasterizer import rotation_matrices
 from ..rasterizer.settings import Backend
 from .parameters import Parameters, render
 from .population import Population
@@ -20,7 +21,7 @@ MAX_COPIES = 51  # Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
 
 _MIN_OPACITY = 0.005  # Kheradmand et al. 2024
-"""Gaussians of a lower opacity are relocated."""
+"""Gaussians of at most this opacity are relocated."""
 
 OPACITY_MARGIN = 1e-6
 """Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
@@ -85,7 +86,7 @@ def relocate(
     empty_space: EmptySpace | None = None,
     generator: torch.Generator,
 ) -> int:
-    """Move each Gaussian of opacity below `min_opacity`, or in `empty_space`, onto another one, drawn by opacity.
+    """Move each Gaussian of at most the opacity `min_opacity`, or in `empty_space`, onto another one, drawn by opacity.
 
     Return how many moved. Without those in empty space, the picture stays the same to first order (`copy_correction`).
     Nothing is moved when no other Gaussian is left.
@@ -96,13 +97,13 @@ def relocate(
         moves |= empty_space.holds(parameters.values["means"].detach())
     stays = ~moves
     moves[: parameters.n_background] = stays[: parameters.n_background] = False
-    dead, alive = moves.nonzero()[:, 0], stays.nonzero()[:, 0]
-    if len(dead) == 0 or len(alive) == 0:
+    moved, alive = moves.nonzero()[:, 0], stays.nonzero()[:, 0]
+    if len(moved) == 0 or len(alive) == 0:
         return 0
-    chosen = alive[_draw(opacities[alive], len(dead), generator)]
+    chosen = alive[_draw(opacities[alive], len(moved), generator)]
     _share_between_copies(parameters, chosen)
-    parameters.overwrite(dead, parameters.copies(chosen))
-    return len(dead)
+    parameters.overwrite(moved, parameters.copies(chosen))
+    return len(moved)
 
 
 def grow(parameters: Parameters | Population, weights: torch.Tensor, n_new: int, *, generator: torch.Generator) -> None:
@@ -132,9 +133,9 @@ def grow_by_error(
     *,
     generator: torch.Generator,
 ) -> None:
-    """Add `n_new` Gaussians, drawn half by `errors` and half by opacity: half are halves, half are copies.
+    """Add `n_new` Gaussians, drawn half by `errors` and half by opacity: half of them by `split`, half by `grow`.
 
-    Only Gaussians near initial points are split. Far from them, halves explain what single photos show there.
+    Only Gaussians near initial points are split. Farther away, the halves fit what a single photo shows.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def split(
         return 0
     whole = parameters.copies(rows)
     longest, index = whole["log_scales"].argmax(dim=1), torch.arange(len(rows))
-    axis = _rotation_matrices(whole["quats"])[index, :, longest]
+    axis = rotation_matrices(whole["quats"])[index, :, longest]
     shift = axis * (SPLIT_SHIFT * whole["log_scales"][index, longest].exp())[:, None]
     narrower = math.sqrt(1.0 - SPLIT_SHIFT**2)
     log_scales = whole["log_scales"].clone()
@@ -223,7 +224,7 @@ def drop(opacities: torch.Tensor, fraction: float, *, n_background: int, generat
 def gaussian_errors(
     parameters: Parameters, levels: Sequence[Level], *, backend: Backend, sh_degree: int
 ) -> torch.Tensor:
-    """Return the error of the pictures in the pixels of each Gaussian, shape [N].
+    """Return the error of the rendered pictures in the pixels that each Gaussian covers, shape [N].
 
     ``v_g = sum over pixels of w_g |image - photo|`` with w_g the blending weight. A picture is linear in its channels,
     so this is the gradient of the error, weighted by an additional channel, with respect to that channel.
@@ -282,7 +283,7 @@ def _draw_distinct(
 
 
 def _share_between_copies(parameters: Parameters | Population, chosen: torch.Tensor) -> None:
-    """Give each distinct Gaussian in `chosen` the opacity and scales of one of its copies, which include itself."""
+    """Give each distinct Gaussian in `chosen` the opacity and scales of one of its copies; it counts as one of them."""
     rows, times = chosen.unique(return_counts=True)
     opacities, scales = copy_correction(
         parameters.values["opacity_logits"].detach()[rows].sigmoid().clamp(OPACITY_MARGIN, 1 - OPACITY_MARGIN),
@@ -320,21 +321,8 @@ def position_noise(
     rows = (opacities < 0.2).nonzero()[:, 0]
     eta = torch.randn(len(rows), 3, generator=generator)
     amount = learning_rate * strength / extent * torch.sigmoid(100.0 * (0.005 - opacities[rows]))
-    rotation = _rotation_matrices(values["quats"][rows])
+    rotation = rotation_matrices(values["quats"][rows])
     scales = values["log_scales"][rows].exp()
     local = scales * (amount[:, None] * scales).clamp_max(MAX_WALK)
     local = local * (rotation.transpose(1, 2) @ eta[:, :, None])[:, :, 0]
     values["means"][rows] += (rotation @ local[:, :, None])[:, :, 0]
-
-
-def _rotation_matrices(quats: torch.Tensor) -> torch.Tensor:
-    """Return rotation matrices [M, 3, 3] of quaternions wxyz [M, 4] of any length."""
-    w, x, y, z = torch.nn.functional.normalize(quats, dim=1).unbind(1)
-    return torch.stack(
-        [
-            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-        ],
-        dim=1,
-    ).reshape(-1, 3, 3)  # fmt: skip
