@@ -86,10 +86,10 @@ def _read_record(folder: Path) -> object:
     return (
         records.crm_json_ld(described),
         records.dublin_core_xml(described),
-        records.gltf_extras(described, frame="upright"),
+        records.record_summary(described, frame="upright"),
         records.iiif_manifest(described, [], address=records.EXAMPLE_ADDRESS, name="manifest.json"),
         records.lido_xml(described),
-        records.ply_comments(records.gltf_extras(described, frame="upright")),
+        records.ply_comments(records.record_summary(described, frame="upright")),
         records.xmp_packet(described),
     )
 

@@ -36,7 +36,7 @@ from ...scene import (
     read_camera_set,
 )
 from ...training import load_gaussians
-from ..records import describe_object, describe_scene, gltf_extras, ply_comments, xmp_packet
+from ..records import describe_object, describe_scene, ply_comments, record_summary, xmp_packet
 from .page import Framing, Part, framing_of_object, framing_of_scene, write_page
 
 if TYPE_CHECKING:
@@ -301,7 +301,7 @@ def _facts(
     facts = FileFacts(matrix=matrix, up=_UP.get(placed.name, "-y"), metres_per_unit=placed.metres_per_unit)
     if not with_record:
         return facts
-    extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
+    extras = {**record_summary(described, frame=placed.name), **_unit_facts(placed, described), **notes}
     return replace(
         facts,
         name=described["title"],

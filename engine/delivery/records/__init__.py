@@ -9,7 +9,7 @@ Standard library and NumPy only: Blender exports files too.
 
 from .crm import crm_json_ld
 from .dublin import dublin_core, dublin_core_xml
-from .embedded import gltf_extras, ply_comments, xmp_packet
+from .embedded import ply_comments, record_summary, xmp_packet
 from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
 from .lido import lido_xml
 from .paradata import describe_object, describe_scene, scene_title
@@ -24,7 +24,7 @@ __all__ = [
     "describe_unit",
     "dublin_core",
     "dublin_core_xml",
-    "gltf_extras",
+    "record_summary",
     "iiif_manifest",
     "lido_xml",
     "ply_comments",

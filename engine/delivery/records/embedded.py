@@ -1,4 +1,4 @@
-"""The part of a record that exported files carry: comments of PLY, ``asset.extras`` and XMP of glTF."""
+"""What an exported file says of itself: comments of PLY, ``asset.extras`` and XMP of glTF."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _CONTEXT = {
 }
 
 
-def gltf_extras(described: dict[str, Any], *, frame: str) -> dict[str, Any]:
-    """Return the summary of a record as JSON values for ``asset.extras``.
+def record_summary(described: dict[str, Any], *, frame: str) -> dict[str, Any]:
+    """Return the summary of a record as JSON values: ``asset.extras`` of glTF, and the comments of other formats.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def gltf_extras(described: dict[str, Any], *, frame: str) -> dict[str, Any]:
 
 
 def ply_comments(extras: dict[str, Any]) -> list[str]:
-    """Return the values that `gltf_extras` returned, and others, as header comments of a PLY file, ``name value``."""
+    """Return the values of `record_summary`, and others, as header comments of a PLY file, ``name value``."""
     known = {name: value for name, value in extras.items() if value is not None}
     return [*(f"{name} {value}" for name, value in known.items()), "generator Gaussian Heritage"]
 

@@ -24,6 +24,8 @@ _LOG = logging.getLogger(__name__)
 _JOB, _TAKEN = "job.json", "taken"
 _RECORD = {"kind": str, "subject": str, "pid": int, "command": [str], "started": optional((int, None))}
 _MAX_PID = 1 << 31
+STOP_SECONDS = 10.0
+"""Time that a job has to save its work after it was asked to stop; then it is killed."""
 _LOG_INTERVAL = 15.0
 """Seconds between two log lines about the same stage."""
 _MAX_READ = 1 << 20
@@ -243,7 +245,7 @@ class Job:
         """Return whether the user knows how the job ended."""
         return (self.folder / _TAKEN).exists()
 
-    def cancel(self, grace_seconds: float = 10.0) -> None:
+    def cancel(self, grace_seconds: float = STOP_SECONDS) -> None:
         """Ask the job to stop at its next safe point, and let `poll` kill it if it still runs after `grace_seconds`.
 
         Raises

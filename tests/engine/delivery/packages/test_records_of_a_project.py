@@ -18,10 +18,10 @@ from engine.delivery.records import (
     describe_scene,
     dublin_core,
     dublin_core_xml,
-    gltf_extras,
     iiif_manifest,
     lido_xml,
     ply_comments,
+    record_summary,
     xmp_packet,
 )
 from engine.formats.glb import read_glb
@@ -144,16 +144,16 @@ def test_paradata_tell_what_was_not_used_and_what_a_person_changed(described: di
 def test_whole_title_and_unknown_unit_are_in_every_form(described: dict[str, Any]) -> None:
     texts = {
         "dublin core": dict(dublin_core(described))["title"],
-        "extras": gltf_extras(described, frame="upright")["title"],
+        "extras": record_summary(described, frame="upright")["title"],
         "xmp": xmp_packet(described)["dc:title"]["rdf:_1"]["@value"],
         "iiif": iiif_manifest(described, [], address="https://example.org/", name="m.json")["label"]["none"][0],
         "crm": crm_json_ld(described)["@graph"][0]["label"],
-        "comments": ply_comments(gltf_extras(described, frame="upright"))[0].removeprefix("title "),
+        "comments": ply_comments(record_summary(described, frame="upright"))[0].removeprefix("title "),
     }
     assert texts == dict.fromkeys(texts, TITLE)
-    assert "is not known" in gltf_extras(described, frame="upright")["unit"]
-    assert "metres_per_unit" not in gltf_extras(described, frame="upright")
-    assert any("is not known" in comment for comment in ply_comments(gltf_extras(described, frame="upright")))
+    assert "is not known" in record_summary(described, frame="upright")["unit"]
+    assert "metres_per_unit" not in record_summary(described, frame="upright")
+    assert any("is not known" in comment for comment in ply_comments(record_summary(described, frame="upright")))
 
 
 def test_scene_is_called_after_its_photos(project: ProjectFolder, blobs: BlobScene, tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_exif_facts_are_kept_and_places_and_serial_numbers_are_not(
     assert (exif["camera_make"], exif["camera_model"], exif["iso"]) == ("Acme", "Phone 3", 200.0)
     assert exif["exposure_seconds"] == 0.005
     assert "4711" not in str(described) and "GPS" not in str(described)
-    assert gltf_extras(described, frame="upright")["photos_taken"] == "2026-05-01 to 2026-05-03"
+    assert record_summary(described, frame="upright")["photos_taken"] == "2026-05-01 to 2026-05-03"
 
 
 def test_photo_that_changed_has_no_exif_in_the_record(blobs: BlobScene, tmp_path: Path) -> None:
