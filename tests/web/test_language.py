@@ -61,7 +61,7 @@ def test_whole_project_is_german_with_its_report(open_page: Callable[..., Page],
     page.get_by_role("textbox", name="Welches Objekt?").fill("vase")
     page.get_by_role("button", name="Freistellen", exact=True).click()
     expect(page.locator("li.object, .not-found:not([hidden])").first).to_be_visible(timeout=RUN_MS)
-    expect(page.locator(".job progress")).to_be_hidden(timeout=RUN_MS)
+    expect(page.locator(".job progress:visible")).to_have_count(0, timeout=RUN_MS)
     page.get_by_text("Fotos und Rekonstruktion").click()
     expect(page.get_by_text("Dauert")).to_have_count(3, timeout=RUN_MS)
     assert english(page) == set()
