@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import CameraError, DiskError, FormatError
-from ..core.events import StopCheck
+from ..core.events import Emit, Progress, StopCheck
 from ..core.files import delete_derived, read_json, write_json
 from ..core.settings import to_dict
 from ..core.system import free_memory, native_path, replace_file
@@ -139,6 +139,30 @@ def match_features(workspace: SfmWorkspace, *, report: _Report, should_stop: Sto
     _detect(workspace, report, should_stop)
     pairs = _select_pairs(workspace, report, should_stop)
     _match(workspace, pairs, report, should_stop)
+
+
+def match_posed_photos(
+    cameras: Sequence[Camera],
+    photo_set: PhotoSet,
+    settings: CameraSettings,
+    folder: Path,
+    *,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> SfmWorkspace:
+    """Match the photos that have a camera, each with the lens of its camera, and return the workspace in `folder`.
+
+    Emits `Progress` of the stage. See `match_features` for errors.
+    """
+    by_photo = {camera.photo: camera for camera in cameras}
+    photos = tuple(photo for photo in photo_set.photos if photo.name in by_photo)
+    workspace = SfmWorkspace(folder, PhotoSet(photo_set.folder, photos, ()), settings, by_photo)
+    match_features(
+        workspace,
+        report=lambda done, message: emit(Progress("cameras", 0.9 * done, None, message)),
+        should_stop=should_stop,
+    )
+    return workspace
 
 
 def _create_database(workspace: SfmWorkspace) -> None:

@@ -14,10 +14,10 @@ import numpy as np
 
 from ..core.arrays import Float64
 from ..core.errors import CameraError
-from ..core.events import Emit, Progress, StopCheck
+from ..core.events import Emit, StopCheck
 from ..scene import Camera, PhotoSet
 from .colmap_calls import opened_database
-from .features import SfmWorkspace, match_features
+from .features import match_posed_photos
 from .orientation import GivenCamera, OrientationChoice
 from .settings import CameraSettings
 from .turning import MIRRORED
@@ -155,15 +155,8 @@ def _matches(
     should_stop: StopCheck,
 ) -> list[_Pair]:
     """Return the verified matches of the photos."""
-    by_photo = {camera.photo: camera for camera in cameras}
-    photos = tuple(photo for photo in photo_set.photos if photo.name in by_photo)
     # With the guessed lenses: if the guess is right, `triangulate` continues with these features.
-    workspace = SfmWorkspace(folder, PhotoSet(photo_set.folder, photos, ()), settings, by_photo)
-    match_features(
-        workspace,
-        report=lambda done, message: emit(Progress("cameras", 0.9 * done, None, message)),
-        should_stop=should_stop,
-    )
+    workspace = match_posed_photos(cameras, photo_set, settings, folder, emit=emit, should_stop=should_stop)
     index_of = {camera.photo: index for index, camera in enumerate(cameras)}
     pairs = []
     with opened_database(workspace.database) as database:

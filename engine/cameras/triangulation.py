@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ..core.arrays import Float64
 from ..core.errors import CameraError
-from ..core.events import Emit, Progress, StopCheck
+from ..core.events import Emit, StopCheck
 from ..scene import Camera, PhotoSet
 from .colmap import pycolmap
 from .colmap_calls import opened_database, wait_for
-from .features import SfmWorkspace, match_features
+from .features import SfmWorkspace, match_posed_photos
 from .normalise import normalised_viewmat, original_from_world
 from .reconstruction import points_of
 from .settings import CameraSettings
@@ -47,13 +47,7 @@ def triangulate(
         When no point could be triangulated.
     """
     by_photo = {camera.photo: camera for camera in cameras}
-    posed_photos = tuple(photo for photo in photo_set.photos if photo.name in by_photo)
-    workspace = SfmWorkspace(folder, PhotoSet(photo_set.folder, posed_photos, ()), settings, by_photo)
-    match_features(
-        workspace,
-        report=lambda done, message: emit(Progress("cameras", 0.9 * done, None, message)),
-        should_stop=should_stop,
-    )
+    workspace = match_posed_photos(cameras, photo_set, settings, folder, emit=emit, should_stop=should_stop)
     # Normalised, because COLMAP's thresholds and float precision suit unit sizes near the origin.
     similarity = original_from_world([camera.viewmat for camera in cameras], np.zeros((0, 3)))
     model = posed_model(workspace, by_photo, similarity)

@@ -22,14 +22,11 @@ from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..project.folder import stage_key
+from .settings import MEMBER_THRESHOLD
 from .views import OUTER, Views, spread_cameras
 from .votes import Votes
 
 _VERSION = "graph 4"
-
-BELONGS = 0.5
-"""Solved membership from which on a Gaussian belongs to a set: it is the middle between 0 for what votes against the
-set and 1 for what votes for it."""
 
 _LEAST_PIXELS = 0.5
 """Pixels that a Gaussian contributes to a segment, from which on the two are linked. Fewer make many links that weigh
@@ -199,7 +196,7 @@ class SceneGraph:
         """
         solved = np.ascontiguousarray(self.solve(votes, strictness, shown).T)
         for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
-            members = np.flatnonzero(membership >= BELONGS)
+            members = np.flatnonzero(membership >= MEMBER_THRESHOLD)
             if self.neighbours.nnz and len(members):
                 part = connected_components(self.neighbours[members][:, members], directed=False)[1]
                 weights = np.bincount(part, weights=inside[members])
@@ -307,7 +304,7 @@ def bounded(membership: Float32, means: Float32) -> Float32:
     array of shape [N], float32
         All 0 without members.
     """
-    members = membership >= BELONGS
+    members = membership >= MEMBER_THRESHOLD
     if not members.any():
         return np.zeros_like(membership)
     distances = np.linalg.norm(means - np.median(means[members], axis=0), axis=1)

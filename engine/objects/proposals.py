@@ -16,9 +16,10 @@ from scipy.special import logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
-from .graph import BELONGS, LARGE, SceneGraph, bounded
+from .graph import LARGE, SceneGraph, bounded
 from .groups import build_groups
 from .lifting import MAX_COMMON
+from .settings import MEMBER_THRESHOLD
 from .views import MIN_VISIBLE_PIXELS, SAME_IOU
 from .votes import Votes, votes_of_known
 
@@ -167,7 +168,7 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
         votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
         both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
         memberships = graph.memberships(both, context.settings.strictness)
-        members = np.stack([bounded(membership, context.means) for membership in memberships]) >= BELONGS
+        members = np.stack([bounded(membership, context.means) for membership in memberships]) >= MEMBER_THRESHOLD
         return csr_matrix(members, dtype=np.float32)
 
     rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]

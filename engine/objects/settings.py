@@ -8,7 +8,8 @@ from ..core.settings import require
 from ..masks.settings import INSTANCE_COSINE
 
 MEMBER_THRESHOLD = 0.5
-"""Membership from which on a Gaussian belongs to the object as it was isolated: as much speaks for it as against it."""
+"""Membership from which on a Gaussian belongs to a set, and to an object as it was isolated: as much speaks for it as
+against it."""
 DEFAULT_THRESHOLD = MEMBER_THRESHOLD
 """Where the slider of a new object starts: at the object as it was isolated."""
 
