@@ -1,17 +1,22 @@
-"""The schedule of a training run as pure functions of the step, so that a resumed run is exact."""
+"""The schedule of a training run as pure functions of the step, so that a resumed run is exact.
+
+Forecasts read it: torch is imported only where a run draws random numbers.
+"""
 
 from __future__ import annotations
 
 import copy
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
 from .settings import MAX_GROW_FACTOR, TrainingSettings
-from .spectrum import TYPICAL_SHARES
 from .validation import validation_photos
+
+if TYPE_CHECKING:
+    import torch
 
 SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP, THIN = 1, 2, 3, 4, 5, 6, 7
 """Purposes of random draws, see `Schedule.generator`."""
@@ -34,6 +39,11 @@ THINNINGS = (0.6, 0.7, 0.8)  # chosen on room_6, meeting_place9
 _COARSE_UNTIL = 0.5  # chosen on museum_room, sakharov_statue32
 """Fraction of the steps that smaller pictures would take if full size added no detail. Each size takes as much of it as
 the share of the photos' detail that it adds."""
+
+TYPICAL_SHARES = (
+    1.0, 0.91, 0.78, 0.63, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1
+)  # fmt: skip  # chosen on museum_room, sakharov_statue32, skull66, banana16
+"""Shares of pictures reduced by sqrt(2) 0, 1, ... 10 times, used without photos. See docs/design_notes/training.md."""
 
 COOLDOWN_END = 0.05  # chosen on museum_room, sakharov_statue32
 """Factor that the cooldown applies to the learning rates at its end; exponential."""
@@ -153,6 +163,8 @@ class Schedule:
 
     def generator(self, step: int, purpose: int) -> torch.Generator:
         """Return a fresh random generator for one `purpose` at one step."""
+        import torch
+
         state = np.random.SeedSequence((self._settings.seed, step, purpose)).generate_state(1, np.uint64)[0]
         return torch.Generator().manual_seed(int(state >> np.uint64(1)))
 

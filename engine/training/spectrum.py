@@ -12,11 +12,6 @@ from .views import TrainingView, evenly_spaced_indices
 MAX_PHOTOS = 8
 """Largest number of photos, evenly spaced, whose spectrum is computed."""
 
-TYPICAL_SHARES = (
-    1.0, 0.91, 0.78, 0.63, 0.5, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1
-)  # fmt: skip  # chosen on museum_room, sakharov_statue32, skull66, banana16
-"""Shares of pictures reduced by sqrt(2) 0, 1, ... 10 times, used without photos. See docs/design_notes/training.md."""
-
 
 def coarse_shares(views: Sequence[TrainingView], n: int) -> tuple[float, ...]:
     """Return the share of the photos' spectrum that pictures reduced by sqrt(2) 0, 1, ... `n` times still show.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,8 @@ from engine.core.system import machine
 from engine.training.settings import PRESET_LIST
 from tests.engine.command_line import call
 from tests.engine.museum import VIEWS, write_cameras, write_photos
+
+ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.fixture
@@ -48,6 +52,15 @@ def test_every_offered_preset_has_a_time_and_a_sentence(photos: Path, capsys: py
     assert seconds == sorted(seconds) and seconds[0] < seconds[-1]
     for one in PRESET_LIST:
         assert (one.description in finished["message"]) == one.offered
+
+
+def test_dialog_does_not_wait_for_what_trains(photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "plan", photos, "--every-preset").code == 0  # measures this machine where no test has yet
+    code = (
+        "import sys; from engine.cli.main import main; assert main(sys.argv[1:]) == 0; "
+        "assert not {'torch', 'pycolmap', 'onnxruntime', 'cv2', 'wgpu'} & set(sys.modules), sorted(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code, "plan", str(photos), "--every-preset"], check=True, cwd=ROOT)
 
 
 def test_wishes_change_the_plan(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
