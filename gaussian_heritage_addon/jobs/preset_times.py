@@ -26,6 +26,8 @@ _AGAIN = ("training", "objects", "report")
 
 _wanted: Path | None = None
 _job: Job | None = None
+_shown = ""
+"""What was drawn last of how far the engine is."""
 _known: OrderedDict[Path, dict[str, dict[str, float]]] = OrderedDict()
 """Seconds of each stage by preset; empty for a folder that the engine could not say anything of."""
 
@@ -54,6 +56,11 @@ def preset_seconds(photos: Path, *, again: bool = False) -> dict[str, float] | N
     }
 
 
+def progress() -> str:
+    """Return how far the engine is with the wanted folder, such as "12 of 48 photos"; empty while it starts."""
+    return _shown if _job is not None and Path(_job.subject) == _wanted else ""
+
+
 def ask(photos: Path) -> None:
     """Let the engine forecast the presets for a folder, unless its times are known. Only the last folder counts."""
     global _wanted
@@ -66,25 +73,30 @@ def ask(photos: Path) -> None:
 
 def stop() -> None:
     """Ask no more."""
-    global _wanted, _job
+    global _wanted, _job, _shown
     _timer.stop()
     if _job is not None and _job.poll().running:
         _job.cancel()
     _wanted = _job = None
+    _shown = ""
 
 
 def poll() -> float | None:
     """Start the engine for the wanted folder, or take its answer; return the seconds until the next call."""
-    global _job
+    global _job, _shown
     if _wanted is None or _wanted in _known:
         return None
     if _job is None:
-        _job = _start(_wanted)
+        _job, _shown = _start(_wanted), ""
         return _INTERVAL if _job is not None else None
     state = _job.poll()
     if state.running:
         if Path(_job.subject) != _wanted:
             _job.cancel()
+        elif state.message != _shown:
+            _shown = state.message
+            redraw()
+            redraw_dialog()
         return _INTERVAL
     if state.finished:
         _keep(Path(_job.subject), _stages_of(state.outputs))

@@ -27,7 +27,7 @@ from .job_box import draw_curve, draw_job, progress_text
 from .set_up_box import SET_UP_KINDS, draw_set_up
 
 _STATUS_SHARE = 0.65
-"""Share of the width of the first row that the name of a stopped job gets, beside its button."""
+"""Share of the width of the first row that *Stopped* gets, beside the button that continues the job."""
 _HEALTH_ICONS = {"yellow": "INFO", "red": "ERROR"}
 """Colours of the cameras' health that are shown; nothing is said of green ones."""
 
@@ -69,9 +69,10 @@ def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     stopped = job_runner.stopped(scene)
     state = current[1] if current is not None and job_runner.belongs_to(current[0], scene) else None
     if stopped:
-        number, job, _ = stopped[0]
+        number = stopped[0][0]
         row = row.split(factor=_STATUS_SHARE, align=True)
-        row.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
+        # Its name has no room beside the button; the panel Progress has it.
+        row.label(text="Stopped", icon="ERROR")
         row.operator("heritage.continue_job", text="Continue").number = number
     elif waiting:
         row.label(text=_waiting_text(), icon="SORTTIME")
@@ -198,13 +199,15 @@ class HERITAGE_PT_progress(bpy.types.Panel):
 
 
 def _draw_stopped(box: bpy.types.UILayout, number: int, job: Job, state: JobState) -> None:
-    box.label(text=translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command)), icon="ERROR")
-    draw_text(box, state.error)
+    stopped = translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command))
+    draw_text(box, stopped, icon="ERROR", n_boxes=1)
+    draw_text(box, state.error, n_boxes=1)
     if state.error_type == "ModelFileError":
         # The engine names its command line.
         draw_text(
-            box, "In Blender: Repair Engine, or Fetch beside the model, in Preferences > Add-ons > Gaussian Heritage."
-        )
+            box, "In Blender: Repair Engine, or Fetch beside the model, in Preferences > Add-ons > Gaussian Heritage.",
+            n_boxes=1,
+        )  # fmt: skip
     row = box.row(align=True)
     row.operator("heritage.continue_job", text="Continue", icon="PLAY").number = number
     row.operator("heritage.leave_job", text="Leave").number = number

@@ -45,6 +45,8 @@ def draw_presets(
             column.label(text=duration_words(seconds[preset.name]), icon="TIME")
     if is_asked and seconds is None:
         draw_text(layout, "Reading these photos to say how long each takes ...", icon="TIME", line_length=line_length)
+        if preset_times.progress():
+            draw_text(layout, preset_times.progress(), icon="BLANK1", line_length=line_length)
 
 
 def duration_words(seconds: float) -> str:

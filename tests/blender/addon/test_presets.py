@@ -86,6 +86,25 @@ def test_file_browser_says_what_each_preset_is_for_and_takes_for_these_photos(
     assert "paper" not in texts
 
 
+def test_file_browser_says_how_far_the_engine_is(
+    part: Part, times: ModuleType, photos: Path, fake_engine: Callable[[str], Path], tmp_path: Path
+) -> None:
+    go_on = tmp_path / "go on"
+    fake_engine(
+        "import time\n"
+        "say('progress', stage='photos', fraction=0.25, seconds_left=None, message='12 of 48 photos')\n"
+        f"while not Path({str(go_on)!r}).exists(): time.sleep(0.02)\n" + FORECAST
+    )
+    drawn_import(part, photos)
+    while not times.progress():
+        assert times.poll() is not None
+        time.sleep(0.02)
+    assert "12 of 48 photos" in drawn_import(part, photos).texts
+    go_on.touch()
+    wait_for(times)
+    assert "12 of 48 photos" not in drawn_import(part, photos).texts and times.preset_seconds(photos)
+
+
 def test_folder_without_photos_starts_no_engine(
     part: Part, times: ModuleType, tmp_path: Path, fake_engine: Callable[[str], Path]
 ) -> None:

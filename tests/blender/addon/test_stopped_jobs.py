@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import Any
 
 import bpy
+import pytest
 from conftest import FakeLayout, forget_jobs
 from test_job_runner import FOREVER, _poll_to_the_end, _segment, runner  # noqa: F401 a fixture
 
@@ -65,6 +66,24 @@ def test_missing_model_file_is_told_with_the_buttons_of_blender(
     _segment(runner, opened, "bust")
     _poll_to_the_end(runner)
     assert "Repair Engine, or Fetch beside the model, in Preferences" in " ".join(draw("HERITAGE_PT_progress").texts)
+
+
+def test_name_of_a_stopped_job_is_whole_in_a_narrow_sidebar(
+    runner: ModuleType,  # noqa: F811
+    part: Part,
+    opened: Any,
+    fake_engine: StandIn,
+    draw: Draw,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(part("gaussian_heritage_addon.blender.drawn_text"), "_DEFAULT_LINE_LENGTH", 25)
+    fake_engine(FAILS_FOR_BUST)
+    runner.start("segment", opened.folder, "segment", str(opened.folder), "--prompt=bust with a laurel wreath")
+    _poll_to_the_end(runner)
+    # Beside its button, the first row has room for one word.
+    assert "Stopped" in draw("HERITAGE_PT_scene").texts
+    told = draw("HERITAGE_PT_progress").texts
+    assert "Stopped: isolate bust with a laurel wreath" in " ".join(told) and max(map(len, told)) <= 25
 
 
 def test_each_of_several_stopped_jobs_is_continued_or_left(
