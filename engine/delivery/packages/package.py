@@ -24,6 +24,7 @@ from ...core.files import (
     write_problem,
     write_zip,
 )
+from ...core.language import languages
 from ...core.system import replace_file
 from ...formats import FORMATS, format_of
 from ...meshing.settings import MeshSettings
@@ -59,7 +60,6 @@ _NOTES = {
     f"{_PICTURES}/{SHEET}": "twelve views on one sheet",
     f"{_PICTURES}/turntable.webm": "a film of all views, for browsers (WebM, VP8)",
     f"{_PICTURES}/turntable.mp4": "the same film, for other programs (MP4, MPEG-4)",
-    "report.html": "the report of the reconstruction, for a browser",
 }
 
 
@@ -198,8 +198,8 @@ def _fill(
     pictures = _write_pictures(data, described["title"], turn)
     if with_photos:
         _copy_photos(data / "photos", project, described)
-    if "object" not in described and report_file(project.path).is_file():
-        shutil.copyfile(report_file(project.path), data / "report.html")
+    if "object" not in described:
+        notes |= _copy_reports(data, project)
     _write_records(data, stem, described, pictures, address)
     present = {path.relative_to(data).as_posix() for path in data.rglob("*") if path.is_file()}
     present |= {"ro-crate-metadata.json"}
@@ -233,6 +233,17 @@ def _copy_photos(folder: Path, project: ProjectFolder, described: dict[str, Any]
         target = path_within(folder, capture["name"])
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
+
+
+def _copy_reports(data: Path, project: ProjectFolder) -> dict[str, str]:
+    """Copy the report in each language that the project has it in; return what each file is."""
+    notes = {}
+    for language in languages():
+        report = report_file(project.path, language.code)
+        if report.is_file():
+            shutil.copyfile(report, data / report.name)
+            notes[report.name] = f"the report of the reconstruction, for a browser ({language.name})"
+    return notes
 
 
 def _write_records(data: Path, stem: str, described: dict[str, Any], pictures: list[Picture], address: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ET
@@ -173,6 +174,22 @@ def test_zip_is_verified_without_unpacking(project: ProjectFolder, tmp_path: Pat
             data = before.read(name)
             after.writestr(name, data + b" " if name.endswith("README.txt") else data)
     assert verify_package(changed).changed == ("data/README.txt",)
+
+
+def test_scene_package_has_its_report_in_every_language(
+    blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = make_project(blobs, tmp_path / "Antikensaal")
+    pages = {"report.html": "Report", "report_de.html": "Bericht"}
+    (project.path / "report").mkdir(exist_ok=True)
+    for name, text in pages.items():
+        (project.path / "report" / name).write_text(text)
+    assert call(capsys, "package", project.path, "--scene", "--out", tmp_path / "out").code == 0
+    package = tmp_path / "out" / "antikensaal"
+    assert {name: (package / "data" / name).read_text() for name in pages} == pages
+    readme = (package / "data" / "README.txt").read_text(encoding="utf-8")
+    assert re.search(r"report\.html .*\(English\)", readme) and re.search(r"report_de\.html .*\(Deutsch\)", readme)
+    assert verify_package(package).is_intact
 
 
 def test_scene_package_has_its_photos_when_wanted(
