@@ -66,7 +66,7 @@ class Language:
     def _forms(self) -> list[tuple[re.Pattern[str], str]]:
         """The sentences, those with most words first: theirs may fit a shorter form too."""
         return [
-            (re.compile("(.+?)".join(map(re.escape, form.split("{}")))), own)
+            (re.compile("(.+?)".join(map(re.escape, form.split("{}"))), re.DOTALL), own)
             for form, own in sorted(self.sentences.items(), key=lambda one: -len(one[0]))
         ]
 

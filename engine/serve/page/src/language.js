@@ -18,7 +18,8 @@ export function t(text, ...values) {
 
 /** Return a sentence of the engine in the language of the page, or as it is where no form fits it. */
 export function said(sentence) {
-  for (const [pattern, own] of forms) {
+  // A whole text may fit a form too, such as "{} of {}".
+  for (const [pattern, own] of Object.hasOwn(texts, sentence) ? [] : forms) {
     const found = pattern.exec(sentence);
     if (found) return filled(own, found.slice(1));
   }
