@@ -76,6 +76,12 @@ def detail() -> None:
     run("-m", "benchmarks.detail", *projects, *title, "--out", document)
 
 
+def clicks() -> None:
+    """Clicks in the 3D view beside true masks: docs/viewport_clicks.md."""
+    project, truth = OUT / "museum_room" / "project", Path("demo") / "museum_room" / "truth"
+    run("-m", "benchmarks.viewport_clicks", project, "--truth", truth, "--doc", "docs/viewport_clicks.md")
+
+
 def joint() -> None:
     """Cost of joint features: docs/segmentation.md."""
     command = ("-m", "benchmarks.joint_features", "demo/museum_room", "--out", OUT / "joint")
@@ -104,7 +110,8 @@ def _evaluate(scene: str, methods: str, kind: str) -> Sequence[str | Path]:
 
 
 TABLES: dict[str, Callable[[], None]] = {
-    "scenes": scenes, "masks": masks, "words": words, "detail": detail, "joint": joint, "bench": bench,
+    "scenes": scenes, "masks": masks, "words": words, "detail": detail, "clicks": clicks, "joint": joint,
+    "bench": bench,
 }  # fmt: skip
 
 

@@ -138,7 +138,7 @@ def make_environments(torch: str) -> None:
         elif environment.required:
             raise SetupProblem(
                 f"no CPython {wanted} (64 bit, with venv and pip) was found; install it from python.org or your "
-                f"system's packages (Debian: python{wanted}-venv) and run `make setup` again."
+                f"system's packages (Debian: python{wanted}-venv) and run the same command again."
             )
         elif not python_of(environment.name).exists():
             print(
@@ -234,7 +234,7 @@ def fetch_models() -> None:
     """Download the missing model files with the engine, which checks their hashes."""
     fetched = subprocess.run([python_of("engine"), "-m", "engine", "models", "fetch"], cwd=ROOT, check=False)
     if fetched.returncode:
-        raise SetupProblem("the model files could not be downloaded (see above); run `make setup` again.")
+        raise SetupProblem("the model files could not be downloaded (see above); run the same command again.")
 
 
 def check_disk(torch: str) -> None:
@@ -261,7 +261,7 @@ def check_libraries() -> None:
         packages = " ".join(BLENDER_LIBRARIES[name] for name in missing)
         raise SetupProblem(
             f"Blender needs {', '.join(missing)}, which every Linux with a desktop has; install them (Debian, Ubuntu: "
-            f"sudo apt-get install {packages}) and run `make setup` again."
+            f"sudo apt-get install {packages}) and run the same command again."
         )
 
 
