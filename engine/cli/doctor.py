@@ -89,7 +89,7 @@ def _package(module: str, distribution: str) -> Check:
 def _gpu() -> Check:
     from ..rasterizer import look_for_card
 
-    device = look_for_card()
+    device = look_for_card(always_test=True)
     is_used = device.backend == "gpu"
     uses = "`render` and training use it" if is_used else "pictures and training use the CPU"
     return Check("graphics card", is_used, False, f"{device.found}; {uses}")

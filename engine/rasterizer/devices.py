@@ -112,7 +112,13 @@ def run_on(device: Device, compute: Callable[[Device], _Result]) -> tuple[_Resul
 
 
 def fallback(problem: EnvironmentProblem) -> Device:
-    """Return the processor, with what is wrong with the card as the reason, without the advice to use the processor."""
+    """Return the processor, with what is wrong with the card as the reason, without the advice to use the processor.
+
+    The next run tests the card again.
+    """
+    from .gpu import forget_passes
+
+    forget_passes()
     return Device("cpu", "cpu", _clause(problem))
 
 
@@ -133,13 +139,16 @@ def training_stopped(device: Device, problem: EnvironmentProblem) -> Environment
     )
 
 
-def look_for_card() -> Device:
-    """Return the card, or the processor with the reason, in a process of its own: a driver may crash or hang."""
+def look_for_card(*, always_test: bool = False) -> Device:
+    """Return the card, or the processor with the reason, in a process of its own: a driver may crash or hang.
+
+    A card that passed with the same driver and code in an earlier run is not tested again, unless `always_test`.
+    """
     try:
         with part("self-test of the card"):
             answer = run_in_child(
-                "rasterizer.devices:describe_cards", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
-                what="testing the graphics card",
+                "rasterizer.devices:describe_cards", {"always_test": always_test}, max_memory=_CARD_BYTES,
+                max_seconds=_CARD_SECONDS, what="testing the graphics card",
             )  # fmt: skip
     except ChildFailure as failure:
         reason = str(failure).rstrip(".")
@@ -152,27 +161,35 @@ def look_for_card() -> Device:
     return device
 
 
-def describe_cards() -> dict[str, Any]:
-    """Return the values of a `Device` as JSON values: the card, or the processor with the reason."""
-    from .gpu import describe_adapters
+def describe_cards(*, always_test: bool = False) -> dict[str, Any]:
+    """Return the values of a `Device` as JSON values: the card, or the processor with the reason. See `look_for_card`."""
+    from .gpu import describe_adapters, forget_passes, keep_pass, passed_before
 
     try:
         cards, software = describe_adapters(), describe_adapters(software=True)
         unused = "".join(f"; {name} is software and not used" for name in software)
         if not cards:
             return asdict(Device(reason=_NO_CARD, found=f"none with Vulkan, Metal or DirectX 12{unused}"))
-        # Only now, because it imports torch, which takes longer than to look for cards.
-        from .gpu import open_gpu
+        if always_test:
+            forget_passes()
+        if passed_before(cards[0]):
+            from .gpu import open_adapter
 
-        start = time.perf_counter()
-        gpu = open_gpu()
+            gpu, tested = open_adapter(), "its self-test passed before"
+        else:
+            # Only now, because it imports torch, which takes longer than to look for cards.
+            from .gpu import open_gpu
+
+            start = time.perf_counter()
+            gpu = open_gpu()
+            tested = f"self-test against the CPU passed in {time.perf_counter() - start:.1f} s"
+            keep_pass(cards[0])
     except EnvironmentProblem as problem:
         return asdict(Device(reason=_clause(problem), found=str(problem).rstrip(".")))
-    seconds = time.perf_counter() - start
     memory = None if gpu.shares_memory else card_memory(gpu.name)
     unused = "".join(f"; {name} is another card and not used" for name in cards[1:]) + unused
     size = "" if memory is None else f", {memory / 2**30:.0f} GiB memory"
-    found = f"{cards[0]}{size}; self-test against the CPU passed in {seconds:.1f} s{unused}"
+    found = f"{cards[0]}{size}; {tested}{unused}"
     device = Device(
         "gpu", f"{gpu.name} ({gpu.backend})", found=found, max_buffer_bytes=gpu.max_binding_bytes, memory=memory,
         shares_memory=gpu.shares_memory,

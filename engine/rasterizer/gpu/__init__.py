@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .self_test import open_gpu
     from .shaders import RENDERING, Sources
     from .submissions import Dispatch, Submissions, Timings, encode, run_together, wait_until_done
-    from .tested import passed_elsewhere
+    from .tested import forget_passes, keep_pass, passed_before, passed_elsewhere
     from .workspace import PLACES, STORAGE, Workspace
 
 __all__ = [
@@ -42,10 +42,13 @@ __all__ = [
     "camera_values",
     "describe_adapters",
     "encode",
+    "forget_passes",
     "grown_capacity",
+    "keep_pass",
     "open_adapter",
     "open_gpu",
     "pack_sh",
+    "passed_before",
     "passed_elsewhere",
     "rasterize_gpu",
     "run_together",

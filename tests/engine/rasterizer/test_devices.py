@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import asdict, replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -16,6 +17,7 @@ from engine.rasterizer.devices import (
     choose_device,
     describe_cards,
     device_words,
+    fallback,
     run_on,
     training_stopped,
 )
@@ -23,6 +25,13 @@ from engine.rasterizer.gpu import adapters as wgpu_adapters
 
 CARD = Device("gpu", "Card (Vulkan)", max_buffer_bytes=2 << 30, memory=8 << 30)
 NO_CARD = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
+
+
+@pytest.fixture(autouse=True)
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for what is kept of cards, instead of the user's."""
+    monkeypatch.setattr("engine.rasterizer.gpu.tested._folder", lambda: tmp_path / "cards")
+    return tmp_path / "cards"
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, card: Device | None, reason: str = "") -> None:
@@ -85,14 +94,43 @@ def test_card_is_described_with_the_result_of_its_self_test(monkeypatch: pytest.
     assert Device(**found) == CARD
     assert "driver 1.2" in found["found"] and "8 GiB memory; self-test" in found["found"]
     gpu.shares_memory = True
-    assert describe_cards()["memory"] is None
+    assert describe_cards(always_test=True)["memory"] is None
 
     def refuse() -> None:
         raise EnvironmentProblem("the graphics card Card computes a test picture wrongly; use the CPU.")
 
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", refuse)
-    found = describe_cards()
+    found = describe_cards(always_test=True)
     assert found["backend"] == "cpu" and found["reason"] == "the graphics card Card computes a test picture wrongly"
+
+
+def test_card_is_tested_once_for_a_driver_and_again_after_it_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    gpu = SimpleNamespace(name="Card", backend="Vulkan", max_binding_bytes=2 << 30, shares_memory=False)
+    tests: list[str] = []
+    monkeypatch.setattr("engine.rasterizer.gpu.open_adapter", lambda: gpu)
+    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: tests.append("tested") or gpu)
+    monkeypatch.setattr("engine.rasterizer.devices.card_memory", lambda name: 8 << 30)
+
+    def n_tests(driver: str = "1.2", *, always_test: bool = False) -> int:
+        adapters(monkeypatch, [f"Card (Vulkan, driver {driver})"], [])
+        assert Device(**describe_cards(always_test=always_test)) == CARD
+        return len(tests)
+
+    assert [n_tests(), n_tests()] == [1, 1]
+    assert [n_tests("1.3"), n_tests()] == [2, 2]
+    assert n_tests(always_test=True) == 3
+    fallback(EnvironmentProblem("the graphics card Card stopped working; use the CPU."))
+    assert n_tests() == 4
+
+
+def test_card_that_fails_its_self_test_is_tested_in_the_next_run(monkeypatch: pytest.MonkeyPatch, kept: Path) -> None:
+    adapters(monkeypatch, ["Card (Vulkan, driver 1.2)"], [])
+
+    def refuse() -> None:
+        raise EnvironmentProblem("the graphics card Card computes a test picture wrongly; use the CPU.")
+
+    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", refuse)
+    assert describe_cards()["backend"] == "cpu" and not kept.exists()
 
 
 def test_python_without_wgpu_uses_the_processor_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
