@@ -22,6 +22,7 @@ PLACES = (
     "engine/delivery/records/unit.py",
     "engine/serve/**/*.py",
     "engine/core/stage_names.py",
+    "engine/rasterizer/devices.py",
     "engine/training/settings.py",
     "engine/formats/table.py",
 )

@@ -19,7 +19,7 @@ _CARD_SECONDS = 60.0
 """For the self-test of the graphics card, which takes one or two."""
 _CARD_BYTES = 1 << 46
 """Address space for it: drivers reserve much more than they use."""
-_NO_CARD = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
+_NO_CARD_SENTENCE = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def describe_cards(*, always_test: bool = False) -> dict[str, Any]:
         cards, software = describe_adapters(), describe_adapters(software=True)
         unused = "".join(f"; {name} is software and not used" for name in software)
         if not cards:
-            return asdict(Device(reason=_NO_CARD, found=f"none with Vulkan, Metal or DirectX 12{unused}"))
+            return asdict(Device(reason=_NO_CARD_SENTENCE, found=f"none with Vulkan, Metal or DirectX 12{unused}"))
         if always_test:
             forget_passes()
         if passed_before(cards[0]):

@@ -34,6 +34,12 @@ def progress_text(state: JobState) -> str:
     return translated("{}, {} left: {}", share, format_seconds(state.seconds_left), stage)
 
 
+def device_text(name: str, reason: str) -> str:
+    """Return what is trained on, and why it is not the card, in the language of the user; see `planned_device`."""
+    trains = translated("Trains on {}", translated("the processor") if name == "cpu" else name)
+    return translated("{}, because {}", trains, translated(reason)) if reason else trains
+
+
 def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool = True) -> None:
     """Draw the progress of a job with its preview image and training curve, or its result.
 
@@ -51,9 +57,9 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool
         left = seconds_left_in_all(Path(job.subject), state) if job.kind == "reconstruct" else None
         if left is not None:
             box.label(text=translated("About {} left in all", format_seconds(left)), icon="TIME")
-        device = planned_device(Path(job.subject)) if job.kind == "reconstruct" else ""
-        if device:
-            draw_text(box, device, icon="SYSTEM", n_boxes=1)
+        device = planned_device(Path(job.subject)) if job.kind == "reconstruct" else None
+        if device is not None:
+            draw_text(box, device_text(*device), icon="SYSTEM", n_boxes=1)
         icon = picture_icon(Path(state.preview)) if state.preview else 0
         if icon:
             box.template_icon(icon_value=icon, scale=8.0)

@@ -8,16 +8,12 @@ from ...engine.core.errors import HeritageError
 from ...engine.core.files import read_after_change
 from ...engine.project.folder import PROJECT_FILE, ProjectFolder
 
-_PROCESSOR = "cpu"
-
 
 @read_after_change(PROJECT_FILE)
-def planned_device(project: Path) -> str:
-    """Return a sentence about the device, with the reason if it is not the card; empty before there is a plan."""
+def planned_device(project: Path) -> tuple[str, str] | None:
+    """Return the device, ``cpu`` for the processor, and why it is not the card; None before there is a plan."""
     try:
         device = ProjectFolder.open_existing(project).get("work_plan")["device"]
-        name, reason = str(device["name"]), str(device["reason"])
+        return str(device["name"]), str(device["reason"])
     except (HeritageError, KeyError, TypeError):
-        return ""
-    because = f", because {reason}" if reason else ""
-    return f"Trains on {'the processor' if name == _PROCESSOR else name}{because}"
+        return None

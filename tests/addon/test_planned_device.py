@@ -1,4 +1,4 @@
-"""The panel says what a reconstruction trains on, as far as the engine has planned it."""
+"""The panel knows what a reconstruction trains on, as far as the engine has planned it."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ def write_plan(project: Path, plan: object) -> None:
 
 
 def test_card_is_named_and_the_processor_with_the_reason(tmp_path: Path) -> None:
-    assert planned_device(tmp_path) == ""
+    assert planned_device(tmp_path) is None
     write_plan(tmp_path, {"device": {"name": "Card (Vulkan)", "reason": ""}})
-    assert planned_device(tmp_path) == "Trains on Card (Vulkan)"
+    assert planned_device(tmp_path) == ("Card (Vulkan)", "")
     other = tmp_path / "other"
     other.mkdir()
     write_plan(other, {"device": {"name": "cpu", "reason": "this computer has no graphics card"}})
-    assert planned_device(other) == "Trains on the processor, because this computer has no graphics card"
+    assert planned_device(other) == ("cpu", "this computer has no graphics card")
 
 
 @pytest.mark.parametrize("plan", [None, {}, {"device": 5}, {"device": {"name": "cpu"}}])
 def test_plan_without_a_device_says_nothing(tmp_path: Path, plan: object) -> None:
     write_plan(tmp_path, plan)
-    assert planned_device(tmp_path) == ""
+    assert planned_device(tmp_path) is None

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ...core.language import Language, Translate
 from ...core.stage_names import STAGE_NAMES
-from ...rasterizer import device_words
 from .markup import Html, fill, joined
 from .plots import error_curve
 from .style import STYLE
@@ -273,17 +272,18 @@ def _plan(facts: dict[str, Any], t: Translate) -> Html:
         (t("segmentation features"), t("yes" if plan["features"] else "no")),
         (t("brightness correction per photo"), t("yes" if "exposure" in training else "no")),
         (t("maximum number of steps"), _count(plan["steps"])),
-        (t("trained on"), _trained_on(plan, training)),
+        (t("trained on"), _trained_on(plan, training, t)),
     ]
     return _section(t("Plan and forecast"), joined((_pairs(table), _forecast(facts["forecast"], t))))
 
 
-def _trained_on(plan: dict[str, Any], training: dict[str, Any]) -> str:
+def _trained_on(plan: dict[str, Any], training: dict[str, Any], t: Translate) -> str:
     """Return the device of the training and why it was not the card; empty before it is trained."""
     name, planned = training.get("device"), plan.get("device") or {}
     if not name:
         return ""
-    return device_words(name, planned.get("reason", "") if planned.get("name") == name else "")
+    shown, reason = t("the processor") if name == "cpu" else str(name), planned.get("reason")
+    return t("{}, because {}", shown, t(reason)) if reason and planned.get("name") == name else shown
 
 
 def _forecast(rows: list[dict[str, Any]], t: Translate) -> Html:

@@ -75,6 +75,14 @@ def test_german_is_given_to_blender_for_labels_and_operators(part: Part, monkeyp
         assert given["de"][context, "Do not start this job"] == "Diese Arbeit nicht beginnen"
 
 
+def test_panel_says_in_german_why_no_card_trains(part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
+    job_box, german = part("gaussian_heritage_addon.panels.job_box"), german_texts(part)
+    monkeypatch.setattr(job_box, "translated", lambda text, *values: german.get(text, text).format(*values))
+    assert job_box.device_text("Card (Vulkan)", "") == "Rechnet auf: Card (Vulkan)"
+    reason = part("engine.rasterizer.devices")._NO_CARD_SENTENCE
+    assert job_box.device_text("cpu", reason).startswith("Rechnet auf: Prozessor (Grund: dieser Computer hat keine")
+
+
 def test_texts_with_values_are_translated_before_the_values_are_filled_in(
     part: Part, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -402,6 +402,16 @@ def planned(project: ProjectFolder) -> ProjectFolder:
     return project
 
 
+def test_report_says_in_its_language_why_no_card_trained(project: ProjectFolder) -> None:
+    reason = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
+    project.put("work_plan", {**PLAN, "device": {"name": "cpu", "reason": reason}})
+    training = dict((project.stage_record("training") or {})["figures"])
+    project.finish_stage("training", "key", wall_seconds=61.0, cpu_seconds=100.0, figures={**training, "device": "cpu"})
+    english, german = (read(page).text for page in build_report(project))
+    assert f"the processor, because {reason}" in english
+    assert "Prozessor (Grund: dieser Computer hat keine Grafikkarte mit Vulkan" in german
+
+
 def test_no_text_of_a_project_becomes_part_of_the_page(project: ProjectFolder) -> None:
     healthy = Tags(build_report(planned(project))[0])
     for stage in ("photos", "cameras", "masks", "training", "objects"):
