@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+# As `engine/__main__.py` does, before torch is imported: half of the CPU time of rendering was spinning at barriers.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 ROOT = Path(__file__).resolve().parent.parent
 PATIENCE = 600.0
 """Seconds after which a test that waits is taken to hang. A limit says nothing of speed: a busy machine is no fault."""
