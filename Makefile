@@ -69,8 +69,8 @@ contracts: ## import contracts and types
 types: ## the types alone
 	$(ENGINE) scripts/check_contracts.py types scripts
 
-engine-tests: ## everything that needs no Blender
-	$(ENGINE) -m pytest -q -m "not gpu and not web and not faults" --ignore=tests/blender tests
+engine-tests: ## everything that needs no Blender, in two processes
+	$(ENGINE) -m pytest -q -n 2 -m "not gpu and not web and not faults" --ignore=tests/blender tests
 
 blender-tests: ## the add-on in each Blender at hand, against the installed zip
 	$(ENGINE) scripts/run_blender_tests.py
