@@ -24,29 +24,41 @@ from ..cards import card_or_skip
 from .conftest import Scene
 from .test_loop import QUICK, run, same, stop_after
 
-ON_CARD = QUICK.changed(backend="gpu", steps=120, transients=True)
-LAST = ON_CARD.changed(steps=60)
+ON_CARD = QUICK.changed(backend="gpu", steps=60, transients=True)
 ROOT = Path(__file__).parents[3]
+
+
+def opened(node: pytest.Item | pytest.Module, patch: pytest.MonkeyPatch) -> Gpu:
+    """Let training use any adapter, also the processor; what is marked ``gpu`` gets a card."""
+    gpu = card_or_skip(software=node.get_closest_marker("gpu") is None)
+    patch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
+    patch.setattr(gpu_steps, "open_gpu", lambda: gpu)
+    return gpu
 
 
 @pytest.fixture(autouse=True)
 def opened_gpu(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Gpu:
-    """Let training use any adapter, also the processor; tests marked ``gpu`` get a card."""
-    gpu = card_or_skip(software=request.node.get_closest_marker("gpu") is None)
-    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
-    monkeypatch.setattr(gpu_steps, "open_gpu", lambda: gpu)
-    return gpu
+    """The card of a test."""
+    return opened(request.node, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def whole(request: pytest.FixtureRequest, scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TrainingResult:
+    """What `ON_CARD` gives on the card in one go."""
+    with pytest.MonkeyPatch.context() as patch:
+        opened(request.node, patch)
+        return run(scene, ON_CARD, tmp_path_factory.mktemp("whole"))
 
 
 def psnr(result: TrainingResult) -> float:
     return result.curve[-1].psnr
 
 
-def test_a_card_trains_as_well_as_the_processor(scene: Scene, tmp_path: Path) -> None:
-    on_card = run(scene, ON_CARD, tmp_path / "card")
-    on_cpu = run(scene, ON_CARD.changed(backend="cpu"), tmp_path / "cpu")
-    # Random walk and growth differ, like two seeds. Seeds 0 to 4 of the processor spread over 1.1 dB.
-    assert psnr(on_card) > psnr(on_cpu) - 1.2
+def test_a_card_trains_as_well_as_the_processor(scene: Scene, whole: TrainingResult, tmp_path: Path) -> None:
+    on_card = whole
+    on_cpu = run(scene, ON_CARD.changed(backend="cpu"), tmp_path)
+    # Random walk and growth differ, like two seeds. Seeds 0 to 4 of the processor are between 19.06 and 19.20 dB.
+    assert psnr(on_card) > psnr(on_cpu) - 0.3
     assert len(on_card.gaussians) == len(on_cpu.gaussians)
     assert [point.step for point in on_card.curve] == [point.step for point in on_cpu.curve]
     assert on_card.gaussians.features is not None and on_cpu.gaussians.features is not None
@@ -57,19 +69,20 @@ def test_a_card_trains_as_well_as_the_processor(scene: Scene, tmp_path: Path) ->
     assert set(on_card.figures) == set(on_cpu.figures)
 
 
-def test_two_runs_give_the_same_bits_and_a_cancelled_one_continues_exactly(scene: Scene, tmp_path: Path) -> None:
-    whole = run(scene, LAST, tmp_path / "whole")
+def test_two_runs_give_the_same_bits_and_a_cancelled_one_continues_exactly(
+    scene: Scene, whole: TrainingResult, tmp_path: Path
+) -> None:
     with pytest.raises(Cancelled):
-        run(scene, LAST, tmp_path / "stopped", stop=stop_after(4))
-    assert (tmp_path / "stopped" / CHECKPOINT_FILE).is_file()
+        run(scene, ON_CARD, tmp_path, stop=stop_after(4))
+    assert (tmp_path / CHECKPOINT_FILE).is_file()
     events: list[Event] = []
-    resumed = run(scene, LAST, tmp_path / "stopped", events=events)
+    resumed = run(scene, ON_CARD, tmp_path, events=events)
     assert any(isinstance(event, Progress) and "continued" in event.message for event in events)
     assert same(resumed.gaussians, whole.gaussians)
 
 
 def test_a_run_begun_on_a_card_continues_on_the_processor_and_back(scene: Scene, tmp_path: Path) -> None:
-    settings = LAST
+    settings = ON_CARD
     for backend, steps in (("gpu", 4), ("cpu", 10), ("gpu", 3)):
         with pytest.raises(Cancelled):
             run(scene, settings.changed(backend=backend), tmp_path, stop=stop_after(steps))
@@ -93,13 +106,13 @@ def test_a_card_that_stops_working_ends_with_a_sentence_and_the_run_continues(
         return False
 
     with pytest.raises(EnvironmentProblem, match="stopped working") as found:
-        run(scene, LAST, tmp_path, stop=destroy_after_five)
+        run(scene, ON_CARD, tmp_path, stop=destroy_after_five)
     assert "Traceback" not in str(found.value) and "run again" in str(found.value)
     monkeypatch.undo()
     events: list[Event] = []
-    result = run(scene, LAST.changed(backend="cpu"), tmp_path, events=events)
+    result = run(scene, ON_CARD.changed(backend="cpu"), tmp_path, events=events)
     assert any(isinstance(event, Progress) and "continued" in event.message for event in events)
-    assert result.figures["steps"] == LAST.schedule.steps
+    assert result.figures["steps"] == ON_CARD.schedule.steps
 
 
 _CHILD = """
@@ -108,16 +121,16 @@ from pathlib import Path
 from engine.rasterizer.gpu import open_gpu
 from engine.training.gpu import steps as gpu_steps
 from tests.engine.training.conftest import make_scene
-from tests.engine.training.test_gpu_steps import LAST, run
+from tests.engine.training.test_gpu_steps import ON_CARD, run
 gpu = open_gpu(software=sys.argv[2] == "software")
 gpu_steps.open_gpu = lambda: gpu
 gpu_steps.GpuSteps.checkpoint_seconds = 0.0
-run(make_scene(), LAST, Path(sys.argv[1]))
+run(make_scene(), ON_CARD, Path(sys.argv[1]))
 """
 
 
 def test_training_on_a_card_that_is_killed_continues_from_its_checkpoint(
-    request: pytest.FixtureRequest, scene: Scene, tmp_path: Path
+    request: pytest.FixtureRequest, scene: Scene, whole: TrainingResult, tmp_path: Path
 ) -> None:
     kind = "card" if request.node.get_closest_marker("gpu") else "software"
     child = subprocess.Popen([sys.executable, "-c", _CHILD, str(tmp_path), kind], cwd=ROOT, env=os.environ)
@@ -125,14 +138,14 @@ def test_training_on_a_card_that_is_killed_continues_from_its_checkpoint(
     child.send_signal(signal.SIGKILL)
     child.wait()
     assert (tmp_path / CHECKPOINT_FILE).is_file()
-    assert same(run(scene, LAST, tmp_path).gaussians, run(scene, LAST, tmp_path / "whole").gaussians)
+    assert same(run(scene, ON_CARD, tmp_path).gaussians, whole.gaussians)
 
 
 def test_trials_are_made_on_the_card(large_scene: Scene, tmp_path: Path) -> None:
-    settings = LAST.changed(
-        steps=200,
+    settings = ON_CARD.changed(
+        steps=100,
         sh_degree=1,
-        sh_interval=80,
+        sh_interval=40,
         trial_fraction=0.1,
         min_trial_gain=99.0,
         train_features=False,
@@ -144,12 +157,12 @@ def test_trials_are_made_on_the_card(large_scene: Scene, tmp_path: Path) -> None
 
 
 def test_the_published_method_trains_on_the_card(scene: Scene, tmp_path: Path) -> None:
-    settings = LAST.changed(
+    settings = ON_CARD.changed(
         feature_init="paper", feature_gradient="joint", clustering_pixels=0, regularisation="paper", lambda_ray=0.0,
         growth_strategy="opacity", exposure=False, transients=False,
     )  # fmt: skip
     on_card = run(scene, settings, tmp_path / "card")
     on_cpu = run(scene, settings.changed(backend="cpu"), tmp_path / "cpu")
-    assert psnr(on_card) > psnr(on_cpu) - 1.2  # as above
+    assert psnr(on_card) > psnr(on_cpu) - 0.3  # as above
     assert np.isfinite(on_card.gaussians.features).all()
     assert np.abs(on_card.gaussians.features - on_cpu.gaussians.features).mean() < 0.1

@@ -11,6 +11,7 @@ from .test_gpu_steps import (  # noqa: F401
     test_training_on_a_card_that_is_killed_continues_from_its_checkpoint,
     test_trials_are_made_on_the_card,
     test_two_runs_give_the_same_bits_and_a_cancelled_one_continues_exactly,
+    whole,
 )
 
 pytestmark = pytest.mark.gpu
