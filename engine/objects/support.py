@@ -28,6 +28,9 @@ _SPOTS = np.vstack([
 _STEPS = 40  # chosen on room_1, room_5
 """Steps in the height of a set. A surface is three of them thick."""
 
+_SEARCHED = 1.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Heights of a set below it within which the surface that carries it is looked for."""
+
 _CELLS, _PLAN_RADII = 120, 4.4
 """Cells along a side of the ground plan, and this side in radii of the set, which hold 95 % of it."""
 
@@ -37,6 +40,9 @@ _RING = (0.05, 0.35)  # chosen on room_1, room_5
 
 _LEAST_STANDING = 0.5  # chosen on room_1, room_5, room_7
 """Least share of the set that stands on the surface: less stands on the shoulder of a bottle."""
+
+_LEAST_COVER = 0.1  # chosen on room_1, room_3, room_5, room_6, room_8
+"""Least share of the ring that a surface covers: the foot of a chess piece covers less around its body."""
 
 _CLEAR_COVER = 0.25  # chosen on room_1, room_3, room_5, room_7, museum_room
 """Share of the ring that a surface covers from which on a missing foot is added down to it."""
@@ -123,7 +129,8 @@ class _Plan:
         self.step = self.tall / _STEPS
         self.cell = _PLAN_RADII * radius / _CELLS or self.step
         beside, z = np.abs(surfaces.spots[:, :2] - self.middle), surfaces.spots[:, 2]
-        near = (beside < _PLAN_RADII / 2 * radius).all(axis=1) & (z > self.bottom - 2 * self.tall) & (z < top)
+        self.lowest = self.bottom - _SEARCHED * self.tall
+        near = (beside < _PLAN_RADII / 2 * radius).all(axis=1) & (z > self.lowest - 3 * self.step) & (z < top)
         self.spots, self.areas = surfaces.spots[near], surfaces.areas[near]
         self.cell_of_spot, self.cell_of = self._cells(self.spots), self._cells(means)
 
@@ -150,17 +157,17 @@ class _Plan:
     def support(self) -> _Support | None:
         """Return the surface that the set stands on: of all heights, where it covers most, times what stands on it.
 
-        It is looked for as far below the set as the set is tall.
+        It is looked for from `_SEARCHED` heights of the set below it upwards.
         """
         found: list[tuple[float, _Support]] = []
-        for height in np.arange(self.bottom - self.tall, self.bottom + self.tall, self.step):
+        for height in np.arange(self.lowest, self.bottom + self.tall, self.step):
             outline = self._above(height + self.step)
             if outline is None:
                 break
             surface = self._surface(float(height), outline)
-            found.append((surface.cover * outline.share, surface))
-        best, surface = max(found, default=(0.0, _Support(0.0, 0.0)))
-        return surface if best > 0 else None
+            if surface.cover >= _LEAST_COVER:
+                found.append((surface.cover * outline.share, surface))
+        return max(found)[1] if found else None
 
     def _surface(self, height: float, outline: _Outline) -> _Support:
         """Return the surface around an outline at a height, which may cover nothing."""

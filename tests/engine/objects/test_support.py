@@ -78,6 +78,13 @@ def test_bottle_does_not_stand_on_its_own_shoulder() -> None:
     assert (stood(scene, bottle) == bottle).all()
 
 
+def test_vase_does_not_stand_on_its_own_handle() -> None:
+    scene, (vase, handle) = scene_of(
+        (column(0, 1, 0.3), False), (flat_on(0.4, 0.06) + np.array([0.4, 0, 0]), True)
+    )  # fmt: skip
+    assert (stood(scene, vase | handle) == (vase | handle)).all()
+
+
 def test_sets_without_extent_or_members_stay_as_they_are() -> None:
     scene, (floor,) = scene_of((flat_on(0, 1), True))
     one = np.zeros_like(floor)
