@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.sparse import csr_matrix
-from scipy.special import expit
 
 from engine.core.errors import ProjectError
 from engine.masks import load_default_sam
@@ -86,12 +85,12 @@ def write_support_picture(project: Path, out: Path) -> None:
     from engine.objects.choosing import whole_versions
     from engine.objects.grounding import load_default_detector
     from engine.objects.looks import load_or_build_looks
-    from engine.objects.proposals import LEAST_PROBABILITY, choose_sets
+    from engine.objects.proposals import choose_sets, gains_of
     from engine.objects.support import standing
 
     context = load_context(ProjectFolder.open_existing(project), BETTER, load_default_detector, load_default_sam)
     looks = load_or_build_looks(context)
-    chosen = looks.members[whole_versions(looks, choose_sets(looks.members, expit(looks.odds) - LEAST_PROBABILITY))]
+    chosen = looks.members[whole_versions(looks, choose_sets(looks.members, gains_of(looks.odds)))]
     pairs = [(one, standing(one, context.surfaces, context.means)) for one in chosen]
     before, after = max(pairs, key=lambda pair: float((pair[0] ^ pair[1]).sum() / pair[0].sum()))
     shown = context.graph.shown(csr_matrix(before[None], dtype=np.float32))

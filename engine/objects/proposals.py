@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
-from scipy.special import logit
+from scipy.special import expit, logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
@@ -105,6 +105,15 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     sets = solved[chosen]
     like = _first_alike(graph.iou(sets, sets), _ALIKE_IOU)
     return Proposals(sets.toarray() > 0, odds[chosen].astype(np.float32), like, shown[chosen])
+
+
+def gains_of(odds: Floats) -> Floats:
+    """Return what choosing each of K sets is worth by its log-odds of being an object, [K].
+
+    It is the square of the probability, less that of `LEAST_PROBABILITY`: with the probability alone, two halves, each
+    of them less likely than their whole, would often be worth more together.
+    """
+    return np.asarray(expit(odds) ** 2 - LEAST_PROBABILITY**2)
 
 
 def choose_sets(members: Mask, gains: Floats) -> list[int]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import expit
 
 from ..core.arrays import Float64, Mask
 from ..core.errors import PromptError
@@ -21,7 +20,7 @@ from .lifting import MAX_COMMON, FoundObject, is_same, isolate_object, isolate_p
 from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Place, Prompt, TextPrompt
-from .proposals import LEAST_PROBABILITY, choose_sets
+from .proposals import choose_sets, gains_of
 from .settings import MEMBER_THRESHOLD, SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
@@ -189,8 +188,8 @@ def _offered(looks: Looks, scores: Float64 | None, context: SegmentationContext)
 def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """Return the objects of a scene without its background, in descending order of score; no two overlap.
 
-    Of the proposals (`engine.objects.looks`), those are chosen that do not overlap and have the largest sum of
-    probabilities of being an object, each less the least one; of each, its largest version that is about as likely.
+    Of the proposals (`engine.objects.looks`), those are chosen that do not overlap and have the largest sum of gains
+    (`gains_of`); of each, its largest version that is about as likely.
     Names are suggested by the detector; without one the score is 0.
 
     Raises
@@ -200,7 +199,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """
     looks = load_or_build_looks(context.part(0, 2))
     context = context.part(1, 2)
-    chosen = whole_versions(looks, choose_sets(looks.members, expit(looks.odds) - LEAST_PROBABILITY))
+    chosen = whole_versions(looks, choose_sets(looks.members, gains_of(looks.odds)))
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
     # Where two reach into each other, the likelier object keeps its Gaussians.

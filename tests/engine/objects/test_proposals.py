@@ -10,7 +10,7 @@ from scipy.special import logit
 from engine.core.errors import Cancelled
 from engine.core.events import Event, Progress
 from engine.objects.context import SegmentationContext
-from engine.objects.proposals import LEAST_PROBABILITY, Proposals, choose_sets, find_proposals
+from engine.objects.proposals import LEAST_PROBABILITY, Proposals, choose_sets, find_proposals, gains_of
 from engine.objects.settings import BETTER
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
@@ -126,6 +126,15 @@ WHOLE, LEFT, RIGHT, OTHER = np.array(
 )
 def test_sets_apart_gain_most_together(gains: tuple[float, ...], chosen: list[int]) -> None:
     assert choose_sets(np.array([WHOLE, LEFT, RIGHT, OTHER]), np.array(gains)) == chosen
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "chosen"),
+    [((0.92, 0.77, 0.41), [0]), ((0.7, 0.65, 0.65), [1, 2])],
+    ids=["halves of an hourglass", "two things that touch"],
+)
+def test_whole_is_chosen_before_halves_that_are_less_likely(probabilities: list[float], chosen: list[int]) -> None:
+    assert choose_sets(np.array([WHOLE, LEFT, RIGHT]), gains_of(logit(probabilities))) == chosen
 
 
 def test_several_sets_take_the_place_of_the_first_one_and_one_that_of_several() -> None:
