@@ -11,6 +11,7 @@ import bpy
 from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 
+from ..engine.cameras.settings import FISHEYE
 from ..engine.core.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project.content import default_project_folder
@@ -101,6 +102,15 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             options={"SKIP_SAVE"},
         ),
     ]
+    fisheye: Annotated[
+        bool,
+        BoolProperty(
+            name="Fisheye Lens",
+            description="The photos are those of a fisheye lens, as of action cameras: straight edges look bent",
+            default=False,
+            options={"SKIP_SAVE"},
+        ),
+    ]
     light: Annotated[
         bool,
         BoolProperty(name=LIGHT_LABEL, description=LIGHT_DESCRIPTION, default=False, options={"SKIP_SAVE"}),
@@ -144,6 +154,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             column.label(text=properties[name].name)
             column.prop(self, name, text="", placeholder=placeholder)
         layout.prop(self, "mask_background")
+        layout.prop(self, "fisheye")
 
     def _shown_photos(self, context: bpy.types.Context) -> Path | None:
         """Return the folder that the file browser shows, or what was dropped."""
@@ -172,6 +183,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         arguments += ["--cameras", bpy.path.abspath(self.cameras)] if self.cameras else []
         arguments += ["--photo-masks", bpy.path.abspath(self.masks)] if self.masks else []
         arguments += ["--mask-background"] if self.mask_background else []
+        arguments += ["--lens", FISHEYE] if self.fisheye else []
         return start_job(self, "reconstruct", project, *arguments)
 
 

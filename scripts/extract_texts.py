@@ -25,6 +25,7 @@ PLACES = (
     "engine/rasterizer/devices.py",
     "engine/training/settings.py",
     "engine/formats/table.py",
+    "engine/install/models/catalogue.py",
 )
 """Modules with texts that users see."""
 ANSWERS = "engine/serve/**/*.py"
@@ -36,7 +37,15 @@ LANGUAGES = {file.stem: file for file in (ROOT / "engine" / "core" / "language" 
 _SHOWN = ("text", "title", "confirm_text", "placeholder")
 """Arguments of layouts and dialogs that Blender translates."""
 _PARTS_OF_AN_ITEM = 5
-_TRANSLATING = {"t": 0, "translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1, "Format": 1}
+_TRANSLATING = {
+    "t": 0,
+    "translated": 0,
+    "pgettext_n": 0,
+    "draw_text": 1,
+    "TrainingPreset": 1,
+    "Format": 1,
+    "ModelParts": 0,
+}
 """Functions whose text at this position among their arguments is translated."""
 _CONSTANTS = {"_LABEL": "label", "_DESCRIPTION": "tooltip", "_SENTENCE": "label"}
 """Ends of the names of constants that are translated where they are shown."""

@@ -30,8 +30,8 @@ def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should
     HeritageError
         As `engine.pipeline.reconstruct.reconstruct`.
     """
-    settings = PipelineSettings(camera_model=room / "cameras")
-    assert settings.camera_model is not None
+    settings = PipelineSettings(given_cameras=room / "cameras")
+    assert settings.given_cameras is not None
     prepared = prepare(room / "photos", out, settings, emit=emit, should_stop=should_stop)
     work = plan_work(
         prepared.photo_set,
@@ -39,7 +39,7 @@ def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should
         settings.plan,
         cameras=settings.cameras,
         poses_given=True,
-        points_given=has_points(settings.camera_model),
+        points_given=has_points(settings.given_cameras),
     )
     training = training_settings(work).changed(seed=seed)
     prepared, _ = prepare_masks(prepared, out, work, settings, emit=emit, should_stop=should_stop)

@@ -185,7 +185,7 @@ class TrainingBench:
         if not variant.features:
             return self._with_cameras(photos)
         if photos.name not in self._prepared:
-            settings, scene = PipelineSettings(camera_model=photos.cameras), self._scene(photos)
+            settings, scene = PipelineSettings(given_cameras=photos.cameras), self._scene(photos)
             prepared = self._with_cameras(photos)
             work = self._plan(photos, prepared, PlanSettings(preset=self.preset))
             prepared, _ = prepare_masks(prepared, scene, work, settings, emit=ignore_events, should_stop=never_stop)
@@ -194,7 +194,7 @@ class TrainingBench:
 
     def _with_cameras(self, photos: PhotoSetFolder) -> PreparedScene:
         """Return photos and cameras of a set, without masks."""
-        settings = PipelineSettings(camera_model=photos.cameras)
+        settings = PipelineSettings(given_cameras=photos.cameras)
         return prepare(photos.photos, self._scene(photos), settings, emit=ignore_events, should_stop=never_stop)
 
     def _scene(self, photos: PhotoSetFolder) -> Path:

@@ -16,7 +16,7 @@ from ..core.files import delete_derived, read_json, write_json
 from ..core.settings import to_dict
 from ..core.system import free_memory, native_path, replace_file
 from ..project.folder import stage_key
-from ..scene import Camera, Photo, PhotoSet
+from ..scene import Camera, Photo, PhotoSet, is_fisheye
 from .colmap import pycolmap
 from .colmap_calls import is_whole_database, opened_database, require_free_space, translated, wait_for
 from .feature_scales import feature_sizes
@@ -31,6 +31,9 @@ _Report = Callable[[float, str], None]
 # Fractions of this module's run time after copying, detection and pair selection, measured on 32 photos.
 _COPIED, _DETECTED, _PAIRS_SELECTED = 0.03, 0.58, 0.64
 
+_FISHEYE_FOCAL = 0.4
+"""First guess of the focal length of a fisheye lens, in longest sides of the photo, of which it shows 180 degrees along
+the diagonal."""
 _ROUNDS_PER_BATCH = 2
 """Photos of a batch for each core that detects."""
 _DESCRIPTOR_DIM = 128
@@ -175,6 +178,8 @@ def _create_database(workspace: SfmWorkspace) -> None:
         pass  # created
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = workspace.settings.model
+    if is_fisheye(workspace.settings.model):
+        reader.default_focal_length_factor = _FISHEYE_FOCAL
     names = [copy.name for copy in workspace.copies]
     # In the order of the photos and on one thread, so that the ids do not depend on thread timing.
     with translated("listing the photos for COLMAP"):
@@ -203,6 +208,9 @@ def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workspace: SfmWorkspace) ->
         params = np.array(guess.params)
         params[guess.focal_length_idxs()] = copy.focal_px
         guess.params = params
+        guess.has_prior_focal_length = True
+    elif is_fisheye(workspace.settings.model):
+        # Two photos are then compared by the rays of this lens: in pixels, those of a fisheye lens do not match.
         guess.has_prior_focal_length = True
     return guess
 

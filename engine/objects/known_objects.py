@@ -23,7 +23,7 @@ def found_again(name: str, same: ObjectRecord, count: int) -> str:
 
 
 def was_changed(record: ObjectRecord, asked: dict[str, Any]) -> bool:
-    """Return whether the object was asked for by the text of a prompt, and corrected or resized after."""
+    """Return whether the object was asked for by the text of a prompt, and may have been corrected or resized since."""
     text, own = (normalised(str(prompt.get("text", ""))) for prompt in (asked, record.prompt))
     return bool(text) and text == own and bool(record.refined or record.levels)
 

@@ -451,7 +451,7 @@ class Segmenter:
 
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
         """Return the record of a new object, with an id and a name that no other object of the project has."""
-        counts = [int((level >= MEMBER_THRESHOLD).sum()) for level in item.levels.memberships]
+        counts = [int((level >= DEFAULT_THRESHOLD).sum()) for level in item.levels.memberships]
         evidence = [{"photo": one.view.camera.photo, "score": one.score} for one in item.evidence]
         several, path = len(counts) > 1, self.project.path
         return ObjectRecord(

@@ -29,8 +29,8 @@ _TWO_CIRCLES = (
 )
 _SCREENSHOT = "It is a screenshot. Use the photo that it shows instead."
 FISHEYE = (
-    "It is a fisheye picture, round with black corners, whose lens cannot be estimated. Turn it into an ordinary view "
-    "first, or give its cameras with a fisheye lens (--cameras)."
+    "It is a fisheye picture, round with black corners, which the usual lens model does not describe. Choose a fisheye "
+    "lens (--lens OPENCV_FISHEYE), or turn it into an ordinary view first."
 )
 
 _PROJECTION = re.compile(rb"GPano:ProjectionType\s*(?:=\s*[\"']|>)\s*(\w+)", re.IGNORECASE)

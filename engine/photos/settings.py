@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..core.settings import require
+from ..scene import is_fisheye
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 """Files that count as videos."""
@@ -49,7 +50,7 @@ class PhotoSettings:
 
     def for_lens(self, model: str, *, is_given: bool) -> PhotoSettings:
         """Return these settings for cameras of COLMAP's lens model `model`, or for given ones of any model."""
-        return replace(self, keep_fisheye=self.keep_fisheye or is_given or model.endswith("FISHEYE"))
+        return replace(self, keep_fisheye=self.keep_fisheye or is_given or is_fisheye(model))
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ class PipelineSettings:
     ----------
     photos, cameras, masks, plan, segment
         The packages' own settings; `plan.preset` names the training preset.
-    camera_model : Path or None
+    given_cameras : Path or None
         Cameras of another program to read instead of estimating them, see `engine.cameras.read_cameras`.
     photo_masks : Path or None
         Folder of masks that say which pixels of the photos count, see `photos.photo_masks`.
@@ -69,7 +69,7 @@ class PipelineSettings:
     masks: MaskSettings = field(default_factory=MaskSettings)
     plan: PlanSettings = field(default_factory=PlanSettings)
     segment: SegmentSettings = field(default_factory=SegmentSettings)
-    camera_model: Path | None = None
+    given_cameras: Path | None = None
     photo_masks: Path | None = None
     mask_background: bool = False
     prompts: tuple[str, ...] = ()
@@ -150,7 +150,7 @@ class _Run:
             folder = self._project.path / "frames"
             runner.emit(StageStarted("frames"))
             extract_frames(self._photos, folder, VideoSettings(), emit=runner.emit, should_stop=runner.should_stop)
-        criteria = settings.photos.for_lens(settings.cameras.model, is_given=settings.camera_model is not None)
+        criteria = settings.photos.for_lens(settings.cameras.model, is_given=settings.given_cameras is not None)
         self._photo_set, self._statistics = photos_stage(
             runner, folder, criteria, photo_masks=settings.photo_masks,
             background_sam=settings.masks.model if settings.mask_background else None,
@@ -171,7 +171,7 @@ class _Run:
             self._statistics,
             settings.plan,
             cameras=settings.cameras,
-            model=settings.camera_model,
+            given_cameras=settings.given_cameras,
             n_prompts=len(settings.prompts),
             device=self._find_device() if self._looked_for_card else planned_device(project, preset),
             kept=kept_sizes(project, preset),
@@ -210,7 +210,7 @@ class _Run:
             self._first_picture = self._running.enter_context(picture)
             self._runner = replace(self._runner, should_stop=picture.watched_by(self._runner.should_stop))
         self._camera_set = cameras_stage(
-            self._runner, self._photo_set, self._settings.cameras, camera_model=self._settings.camera_model,
+            self._runner, self._photo_set, self._settings.cameras, given_cameras=self._settings.given_cameras,
             beside=[one for one in (self._first_picture, self._beside) if one is not None],
         )  # fmt: skip
         self._scene_plan = plan_scene(work, self._camera_set)
@@ -253,7 +253,7 @@ def _input_of(photos: Path, settings: PipelineSettings) -> ReconstructionInput:
 
     return ReconstructionInput(
         str(photos.resolve()),
-        absolute(settings.camera_model),
+        absolute(settings.given_cameras),
         absolute(settings.photo_masks),
         settings.mask_background,
         settings.plan.exclude_transients,

@@ -133,14 +133,14 @@ def cameras_stage(
     photo_set: PhotoSet,
     settings: CameraSettings,
     *,
-    camera_model: Path | None,
+    given_cameras: Path | None,
     beside: Sequence[MasksBeside | FirstPicture] = (),
 ) -> CameraSet:
-    """Estimate the cameras of the photos, or read them from `camera_model`. If they change, training is no longer done.
+    """Estimate the cameras of the photos, or read them from `given_cameras`. If they change, training starts anew.
 
     Parameters
     ----------
-    camera_model : Path or None
+    given_cameras : Path or None
         Cameras of another program to read instead of estimating, see `engine.cameras.read_cameras`.
     beside : sequence of MasksBeside or FirstPicture
         What is started when cameras are estimated.
@@ -149,13 +149,13 @@ def cameras_stage(
 
     folder = runner.project.path / "cameras"
     hashes = [photo.hashes for photo in photo_set.photos]
-    key = stage_key(hashes, to_dict(settings), _hashes_of_model(camera_model))
+    key = stage_key(hashes, to_dict(settings), _hashes_of_model(given_cameras))
 
     def compute() -> dict[str, Any]:
-        if camera_model is not None:
+        if given_cameras is not None:
             from ..cameras import check_given_cameras, read_cameras
 
-            camera_set = read_cameras(camera_model, photo_set, emit=runner.emit, should_stop=runner.should_stop)
+            camera_set = read_cameras(given_cameras, photo_set, emit=runner.emit, should_stop=runner.should_stop)
             camera_set = check_given_cameras(camera_set, photo_set, emit=runner.emit, should_stop=runner.should_stop)
         else:
             from ..cameras import estimate_cameras

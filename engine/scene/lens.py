@@ -35,6 +35,11 @@ MAX_LENS_PARAMETER = 1e9
 """Largest absolute parameter of a usable lens, and the inverse of the smallest focal length in pixels."""
 
 
+def is_fisheye(model: str) -> bool:
+    """Return whether a COLMAP lens model describes fisheye lenses."""
+    return model.endswith("FISHEYE")
+
+
 def lens_problem(lens: Lens) -> str | None:
     """Return why `lens` cannot be used, as a clause for a message; None for a usable one.
 

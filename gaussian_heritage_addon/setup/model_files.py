@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from ...engine.core.errors import EnvironmentProblem, FormatError, ModelFileError
 from ...engine.core.files import parse_json
-from ...engine.install.models.catalogue import CATALOGUE, GROUPS, ModelFile
+from ...engine.install.models.catalogue import CATALOGUE, MODELS, ModelFile
 
 States = dict[str, str]
 """State of each file by its name: its path, or ``!`` followed by the engine's error message."""
@@ -25,10 +25,13 @@ class Model:
     ----------
     name : str
         Argument of ``models fetch``.
+    purpose : str
+        A sentence for users.
     files : tuple of ModelFile
     """
 
     name: str
+    purpose: str
     files: tuple[ModelFile, ...]
 
     @property
@@ -73,7 +76,7 @@ def megabytes(model: Model) -> str:
 
 def list_models() -> tuple[Model, ...]:
     """Return the models of the catalogue, required ones first."""
-    models = [Model(name, tuple(CATALOGUE[file] for file in files)) for name, files in GROUPS.items()]
+    models = [Model(name, one.purpose, tuple(CATALOGUE[file] for file in one.files)) for name, one in MODELS.items()]
     return tuple(sorted(models, key=lambda model: model.optional))
 
 

@@ -69,7 +69,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         random_seeds=_random_seeds(options.random_seeds),
         limit_minutes=options.limit,
         device=options.device,
-        camera_model=options.cameras,
+        given_cameras=options.cameras,
         photo_masks=options.photo_masks,
     )
     rows = compare(scene, out, settings, emit=emit, should_stop=should_stop)

@@ -22,6 +22,7 @@ from ...training.settings import OFFERED_PRESETS
 from .scene_options import (
     add_camera_options,
     add_device_option,
+    add_lens_option,
     add_no_objects_option,
     add_preset_option,
     add_setting_options,
@@ -43,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_setting_options(parser)
     add_no_objects_option(parser)
     add_camera_options(parser)
+    add_lens_option(parser)
     parser.add_argument(
         "--every-preset", action="store_true", help="only how long each preset would take, with the time of each stage"
     )
@@ -64,8 +66,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         settings,
         [preset.name for preset in OFFERED_PRESETS] if options.every_preset else [options.preset],
         photos=PhotoSettings(),
-        cameras=CameraSettings(),
-        model=options.cameras,
+        cameras=CameraSettings(model=options.lens),
+        given_cameras=options.cameras,
         photo_masks=options.photo_masks,
         emit=emit,
         should_stop=should_stop,

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from ...cameras.settings import CameraSettings
 from ...core.errors import SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...masks.settings import PRESETS as MASK_PRESETS
@@ -18,6 +19,7 @@ from .chosen_models import add_sam_argument
 from .scene_options import (
     add_camera_options,
     add_device_option,
+    add_lens_option,
     add_no_objects_option,
     add_preset_option,
     add_prompts_option,
@@ -44,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_size_options(parser)
     add_setting_options(parser)
     add_camera_options(parser)
+    add_lens_option(parser)
     parser.add_argument(
         "--mask-background",
         action="store_true",
@@ -85,8 +88,9 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             exclude_transients=options.transients,
             overrides=overrides_of(options),
         ),
+        cameras=CameraSettings(model=options.lens),
         masks=replace(MASK_PRESETS[options.segments], model=options.sam),
-        camera_model=options.cameras,
+        given_cameras=options.cameras,
         photo_masks=options.photo_masks,
         mask_background=options.mask_background,
         prompts=prompts,

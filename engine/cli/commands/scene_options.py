@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from ...cameras.settings import FISHEYE, CameraModel, CameraSettings
 from ...core.errors import SettingsError
 from ...core.words import split_texts
 from ...rasterizer.settings import DeviceName
@@ -99,6 +100,17 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     if options.light and "kept" in given:
         raise SettingsError("--light and --set both give `kept`. Give only one of them.")
     return {**given, "kept": LIGHT_SHARE} if options.light else given
+
+
+def add_lens_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--lens``."""
+    parser.add_argument(
+        "--lens",
+        choices=get_args(CameraModel),
+        default=CameraSettings().model,
+        help="COLMAP's lens model of the photos, where cameras are estimated; the lenses of phones and "
+        f"cameras fit the default, action cameras often need {FISHEYE} (default: %(default)s)",
+    )
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:

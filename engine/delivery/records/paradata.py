@@ -11,7 +11,7 @@ from typing import Any
 
 from ...core.errors import FormatError
 from ...core.files import Schema, check, object_file, optional, path_within
-from ...install.models.catalogue import CATALOGUE, GROUPS
+from ...install.models.catalogue import CATALOGUE, MODELS
 from ...project.folder import PROJECT_FILE, SCENE_OUTPUT, ProjectFolder
 from ...project.objects import RECORD_FILE, ObjectRecord, load_record, read_record, recorded_files
 from ...project.provenance import describe_run
@@ -229,7 +229,8 @@ def _models(project: ProjectFolder) -> list[dict[str, Any]]:
     name = (run.get("settings") or {}).get("model")
     if not isinstance(name, str):
         return []
-    models = [CATALOGUE[file] for file in GROUPS.get(name, ()) if file in CATALOGUE]
+    files = MODELS[name].files if name in MODELS else ()
+    models = [CATALOGUE[file] for file in files if file in CATALOGUE]
     return [
         {"name": model.name, "source": model.source, "sha256": model.sha256, "licence": model.licence}
         for model in models

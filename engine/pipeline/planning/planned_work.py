@@ -41,7 +41,7 @@ def plan_presets(
     *,
     photos: PhotoSettings,
     cameras: CameraSettings,
-    model: Path | None,
+    given_cameras: Path | None,
     photo_masks: Path | None,
     emit: Emit,
     should_stop: StopCheck,
@@ -59,14 +59,14 @@ def plan_presets(
     Cancelled
         When `should_stop` returns true.
     """
-    criteria = photos.for_lens(cameras.model, is_given=model is not None)
+    criteria = photos.for_lens(cameras.model, is_given=given_cameras is not None)
     photo_set = read_photos(folder, criteria, masks=photo_masks, emit=emit, should_stop=should_stop)
     statistics = inspect_photos(photo_set, should_stop=should_stop)
     device = choose_device(settings.device)
     return [
         plan_and_forecast(
-            photo_set, statistics, replace(settings, preset=preset), cameras=cameras, model=model, n_prompts=0,
-            device=device, kept=None, emit=emit,
+            photo_set, statistics, replace(settings, preset=preset), cameras=cameras,
+            given_cameras=given_cameras, n_prompts=0, device=device, kept=None, emit=emit,
         )
         for preset in presets
     ]  # fmt: skip
@@ -78,7 +78,7 @@ def plan_and_forecast(
     settings: PlanSettings,
     *,
     cameras: CameraSettings,
-    model: Path | None,
+    given_cameras: Path | None,
     n_prompts: int,
     device: Device,
     kept: Mapping[str, int] | None,
@@ -90,8 +90,8 @@ def plan_and_forecast(
     ----------
     statistics : sequence of PhotoStatistics
         Of the same photos.
-    model : Path or None
-        Camera model that the user gave.
+    given_cameras : Path or None
+        Cameras that the user gave.
     n_prompts : int
         Number of objects to be isolated at the end.
     device, kept
@@ -103,14 +103,15 @@ def plan_and_forecast(
         When a graphics card is demanded that does not hold the scene.
     """
     points_given = False
-    if model is not None:
+    if given_cameras is not None:
         from ...cameras import has_points
 
-        points_given = has_points(model)
+        points_given = has_points(given_cameras)
     machine = describe_machine()
     choice = choose_sizes(settings, photo_set, device, kept, free=machine.free_bytes)
     work = plan_work(
-        photo_set, statistics, settings, cameras=cameras, poses_given=model is not None, points_given=points_given,
+        photo_set, statistics, settings,
+        cameras=cameras, poses_given=given_cameras is not None, points_given=points_given,
         choice=choice,
     )  # fmt: skip
     calibration = calibrate(machine, emit=emit)

@@ -61,7 +61,7 @@ class ObjectRecord:
     threshold : float
         A Gaussian belongs to the object when its membership is at least this.
     score : float
-        Confidence that this is the object of the prompt, 0 to 1: for a text see `engine.objects.ranking`, otherwise
+        Confidence that this is the object of the prompt, 0 to 1: for a text see `engine.objects.looks`, otherwise
         SAM's own estimate (1 for a given mask).
     fit : float
         IoU of the object with the best mask of its evidence, in the view of that mask.

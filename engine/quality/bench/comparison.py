@@ -134,7 +134,7 @@ class _ComparedScene:
 
     def __init__(self, scene: Path, out: Path, settings: BenchSettings, emit: Emit, should_stop: StopCheck) -> None:
         self.out, self.settings, self.emit, self.should_stop = out, settings, emit, should_stop
-        self._pipeline = PipelineSettings(camera_model=settings.camera_model, photo_masks=settings.photo_masks)
+        self._pipeline = PipelineSettings(given_cameras=settings.given_cameras, photo_masks=settings.photo_masks)
         if (scene / PROJECT_FILE).is_file():
             self._base = read_prepared(scene, should_stop)
             self._mask_record = ProjectFolder.open_existing(scene).stage_record("masks") or {}

@@ -39,7 +39,7 @@ def prepare(
         runner = StageRunner(project, emit, should_stop)
         photo_set, statistics = photos_stage(runner, photos, settings.photos, photo_masks=settings.photo_masks)
         project.put("photo_folder", str(photos.resolve()))
-        camera_set = cameras_stage(runner, photo_set, settings.cameras, camera_model=settings.camera_model)
+        camera_set = cameras_stage(runner, photo_set, settings.cameras, given_cameras=settings.given_cameras)
         key = runner.key_of("cameras")
         return PreparedScene(photo_set, camera_set, {}, key, key, statistics)
 

@@ -33,7 +33,7 @@ class BenchSettings:
         Wall time after which the training of a preset is stopped; its row says so.
     device : {"auto", "cpu", "gpu"}
         What is trained on, see ``reconstruct --device``.
-    camera_model, photo_masks : Path or None
+    given_cameras, photo_masks : Path or None
         As for the command ``reconstruct``.
     """
 
@@ -43,7 +43,7 @@ class BenchSettings:
     random_seeds: tuple[int, ...] = (0,)
     limit_minutes: float | None = None
     device: DeviceName = "auto"
-    camera_model: Path | None = None
+    given_cameras: Path | None = None
     photo_masks: Path | None = None
 
     def __post_init__(self) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Request
 from pydantic import BaseModel, Field
 
+from ...cameras.settings import FISHEYE
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
@@ -45,6 +46,7 @@ class Reconstruction(BaseModel):
     kind: Literal["reconstruct"]
     preset: _Preset = DEFAULT_PRESET
     mask_background: bool = False
+    fisheye: bool = False
     light: bool = False
 
 
@@ -114,6 +116,7 @@ def _reconstruction(project: WebProject, wanted: Reconstruction, settings: Serve
     return [
         "reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *_device(settings),
         *(["--mask-background"] if wanted.mask_background else []), *(["--light"] if wanted.light else []),
+        *([f"--lens={FISHEYE}"] if wanted.fisheye else []),
     ]  # fmt: skip
 
 

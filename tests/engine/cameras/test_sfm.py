@@ -19,11 +19,12 @@ import pycolmap
 import pytest
 from PIL import Image
 
+from benchmarks.camera_health.sources import boxes
 from engine.cameras import lens_groups
 from engine.cameras import sfm as sfm_module
 from engine.cameras.features import SfmWorkspace
 from engine.cameras.reconstruction import rounded
-from engine.cameras.settings import CameraSettings
+from engine.cameras.settings import FISHEYE, CameraSettings
 from engine.cameras.sfm import estimate_cameras, other_groups_text
 from engine.cameras.undistortion import project
 from engine.core.errors import CameraError, Cancelled, SettingsError
@@ -120,7 +121,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from engine.cameras.reconstruction import rounded
-from engine.cameras.settings import CameraSettings
+from engine.cameras.settings import FISHEYE, CameraSettings
 from engine.cameras.sfm import estimate_cameras
 from engine.photos.reading import read_photos
 from engine.scene import write_camera_set
@@ -277,7 +278,7 @@ def test_a_killed_run_is_resumed(room: Scene, tmp_path: Path, seconds: float) ->
     script = textwrap.dedent(
         f"""
         from pathlib import Path
-        from engine.cameras.settings import CameraSettings
+        from engine.cameras.settings import FISHEYE, CameraSettings
         from engine.cameras.sfm import estimate_cameras, other_groups_text
         from engine.photos.reading import read_photos
         photos = read_photos(Path({str(room.photo_set.folder)!r}))
@@ -359,3 +360,14 @@ def test_photos_of_other_scenes_are_named_group_by_group_with_what_to_do() -> No
     # A photo of two groups stands in the larger one.
     assert text.endswith("group 2 (3 photos): a.jpg, b.jpg, c.jpg; group 3 (1 photo): d.jpg.")
     assert other_groups_text(9, [set(), set()]) == ""
+
+
+def test_a_fisheye_lens_is_estimated_when_it_is_chosen(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    boxes(9, "fisheye", focal=150.0, size=(400, 300), count=8, turn=2.0)(tmp_path / "photos")
+    photos = read_photos(tmp_path / "photos", PhotoSettings().for_lens(FISHEYE, is_given=False))
+    found = estimate_cameras(photos, tmp_path / "sfm", replace(QUICK, model=FISHEYE, first_octave=-1))
+    assert len(found.cameras) == 8
+    # The lens is exactly equidistant. From the first guess of 160 pixels, matches of half a pixel lead this near.
+    assert found.cameras[0].params[0] == pytest.approx(150.0, rel=0.01)
+    assert found.health is not None and found.health.colour == "green"

@@ -261,7 +261,7 @@ class Small:
 @pytest.fixture
 def small(museum: Path, monkeypatch: pytest.MonkeyPatch) -> Small:
     plan = PlanSettings(preset="test", wants_objects=False)
-    settings = PipelineSettings(plan=plan, camera_model=museum / "transforms.json")
+    settings = PipelineSettings(plan=plan, given_cameras=museum / "transforms.json")
     scene = Small(museum / "photos", museum / "scene", settings, monkeypatch)
     record = ObjectRecord("vase", "vase", {}, 0.5, 1.0, 1.0, 1, 400)
     save_object(scene.path, record, np.ones(400, np.float32))

@@ -14,7 +14,7 @@ import pytest
 from engine.core.errors import ModelFileError
 from engine.core.events import Event, Progress
 from engine.install.models.cache import CACHE_VARIABLE, OFFLINE_VARIABLE, locate, models_folder
-from engine.install.models.catalogue import CATALOGUE, GROUPS, ModelFile, find_model_file, find_model_files
+from engine.install.models.catalogue import CATALOGUE, MODELS, ModelFile, find_model_file, find_model_files
 from engine.install.models.fetching import fetch
 from engine.install.models.onnx_session import open_session
 from tests.engine.install.models.weights import fetched
@@ -80,7 +80,7 @@ def test_model_of_several_files_is_fetched_by_one_name() -> None:
         "grounding-dino-tiny-model", "grounding-dino-tokenizer"
     ]  # fmt: skip
     assert [model.name for model in find_model_files("minilm")] == ["minilm"]
-    assert {name for files in GROUPS.values() for name in files} == set(CATALOGUE)
+    assert {name for model in MODELS.values() for name in model.files} == set(CATALOGUE)
 
 
 def test_unknown_name_lists_the_known_ones() -> None:

@@ -25,6 +25,7 @@ export function createReconstruct(context, photos) {
     return h("label", { class: "choice" }, input, h("span", null, h("strong", null, t(label)), h("span", { class: "hint" }, t(description)), time));
   });
   const masks = createOption(t("Mask the background"), t("For an object on a turntable before a background that stands still."));
+  const fisheye = createOption(t("Fisheye lens"), t("As of action cameras: straight edges look bent."));
   const light = createOption(t(session.light.label), `${t(session.light.description)}.`);
   const button = h("button", { type: "button", class: "main large", onclick: () => during(button, start) }, t("Reconstruct"));
   const note = h("p", { class: "hint", "aria-live": "polite" });
@@ -33,6 +34,7 @@ export function createReconstruct(context, photos) {
     { class: "card", "aria-label": t("Reconstruction") },
     h("fieldset", { class: "choices" }, h("legend", null, t("How good should it be?")), choices),
     masks.element,
+    fisheye.element,
     light.element,
     h("div", { class: "next" }, button, note),
   );
@@ -43,7 +45,9 @@ export function createReconstruct(context, photos) {
 
   async function start() {
     const preset = element.querySelector("input[type=radio]:checked").value;
-    await startJob(id, { kind: "reconstruct", preset, mask_background: masks.input.checked, light: light.input.checked });
+    await startJob(id, {
+      kind: "reconstruct", preset, mask_background: masks.input.checked, fisheye: fisheye.input.checked, light: light.input.checked,
+    });
     announce(t("The reconstruction has started."));
     window.scrollTo({ top: 0 });
     await context.refresh();
