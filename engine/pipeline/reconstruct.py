@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -166,6 +167,9 @@ class _Run:
         self._looked_for_card = "training" in wanted and training_is_to_come(
             project, preset, photos_changed="photos" in self._runner.computed
         )
+        if self._looked_for_card:
+            # If it is missing, that is said now, not after the cameras were estimated.
+            importlib.import_module("torch")
         self._planned = plan_and_forecast(
             self._photo_set,
             self._statistics,
