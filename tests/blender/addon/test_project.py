@@ -191,13 +191,14 @@ def test_masks_and_their_making_are_given_to_the_engine(
     assert json.loads(arguments.read_text(encoding="utf-8"))[-2] == "--mask-background"
 
 
-def test_a_light_scene_is_asked_for_in_the_import(
-    project: Any, fake_engine: Callable[[str], Path], tmp_path: Path
+@pytest.mark.parametrize(("option", "words"), [("light", ["--light"]), ("fisheye", ["--lens", "OPENCV_FISHEYE"])])
+def test_a_light_scene_and_a_fisheye_lens_are_asked_for_in_the_import(
+    project: Any, fake_engine: Callable[[str], Path], tmp_path: Path, option: str, words: list[str]
 ) -> None:
     arguments = fake_engine("say('finished', message='done', outputs={})")
     folders = {"directory": str(tmp_path), "project": str(project.folder)}
-    assert bpy.ops.heritage.import_photo_folder(**folders, light=True) == {"FINISHED"}
-    assert "--light" in json.loads(arguments.read_text(encoding="utf-8"))
+    assert bpy.ops.heritage.import_photo_folder(**folders, **{option: True}) == {"FINISHED"}
+    assert set(words) <= set(json.loads(arguments.read_text(encoding="utf-8")))
     assert bpy.ops.heritage.import_photo_folder(**folders) == {"FINISHED"}
     assert "--light" not in json.loads(arguments.read_text(encoding="utf-8"))
 

@@ -52,13 +52,18 @@ def test_reconstruction_runs_the_engine_on_the_uploaded_photos(client: Client, p
     assert words == ["reconstruct", str(photos), f"--out={out}", "--preset=preview", "--events"]
 
 
-@pytest.mark.parametrize("option", ["mask_background", "light"])
-def test_options_of_a_reconstruction_are_given_to_the_engine(client: Client, project: str, option: str) -> None:
+@pytest.mark.parametrize(
+    ("option", "word"),
+    [("mask_background", "--mask-background"), ("light", "--light"), ("fisheye", "--lens=OPENCV_FISHEYE")],
+)
+def test_options_of_a_reconstruction_are_given_to_the_engine(
+    client: Client, project: str, option: str, word: str
+) -> None:
     wanted = {"kind": "reconstruct", "preset": "preview", option: True}
     assert client.http.post(f"{API}/projects/{project}/jobs", json=wanted).status_code == 202
     client.wait_for_job(project, "finished")
     words = json.loads((client.folder(project) / "project" / "words.json").read_text())
-    assert words[-2:] == [f"--{option.replace('_', '-')}", "--events"]
+    assert words[-2:] == [word, "--events"]
 
 
 def test_server_that_is_told_what_to_train_on_tells_the_engine(client: Client, project: str) -> None:
