@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -61,6 +62,7 @@ def normal(package: str) -> str:
     return re.sub(r"[-_.]+", "-", package.partition("[")[0]).lower()
 
 
+@functools.cache
 def imported(folder: Path) -> set[str]:
     """The distributions that the modules below a folder import from outside."""
     found = set()
