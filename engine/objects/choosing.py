@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 from scipy.special import logit
 
 from ..core.arrays import Float32, Float64, Mask
-from .lifting import MAX_COMMON, is_same
+from .found import MAX_COMMON, is_same
 from .looks import Looks
 from .settings import SegmentSettings
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -12,20 +12,12 @@ from ..core.arrays import Float32, Float64, Mask
 from ..core.errors import PromptError
 from ..masks import mask_iou
 from .context import SegmentationContext
+from .found import BELOW_THRESHOLD, NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of
 from .graph import bounded
 from .settings import MEMBER_THRESHOLD
 from .support import standing
 from .views import SAME_IOU, Views
 from .votes import MaskEvidence, Votes, count_votes
-
-NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
-NONE_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
-
-BELOW_THRESHOLD = np.nextafter(np.float32(MEMBER_THRESHOLD), np.float32(0))
-"""Largest membership of a Gaussian that does not belong to a new object."""
-
-MAX_COMMON = 0.5
-"""Share of the smaller of two sets of Gaussians up to which both may be objects: more shows the same."""
 
 _FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2, -3, -4], np.float32)
 """Strictness of each level relative to the settings, from part to whole."""
@@ -41,76 +33,13 @@ _AGREEMENT_WEIGHT = (
 _LEVEL_COST = (
     0.03  # chosen on skull66, banana16, meeting_place9, herz_jesus25, room_1, room_3, room_5, room_6, room_7, room_8
 )
-"""IoU that a level must gain for each level that lies between it and `_USUAL`, and itself."""
+"""IoU with the masks that a level must gain for each step from `_USUAL`, and that a foot or a pedestal may cost."""
 
 _TOGETHER = 4
 """Objects that are solved together: each step reads the links once for all of them."""
 
-_ALONE = np.ones(1, np.float32)
-"""Strictness of the object alone, relative to the settings."""
-
-
-@dataclass(frozen=True)
-class Levels:
-    """Memberships from part to whole, each contained in the next.
-
-    Attributes
-    ----------
-    memberships : tuple of arrays of shape [N], float32
-        0 to 1.
-    chosen : int
-        Index of the level that is the object for now.
-    """
-
-    memberships: tuple[Float32, ...]
-    chosen: int = 0
-
-
-@dataclass(frozen=True)
-class FoundObject:
-    """An object before it is stored, in smaller and larger versions.
-
-    Attributes
-    ----------
-    levels : Levels
-    score : float
-        That of `ObjectRecord`, 0 to 1.
-    fit : float
-        IoU of the object with the best mask of its evidence, in the view of this mask.
-    evidence : tuple of MaskEvidence
-        Masks that show it, the best first.
-    name : str
-        Suggested by the detector; may be empty.
-    id : str
-        Of a stored object that it replaces, or empty.
-    """
-
-    levels: Levels
-    score: float = 1.0
-    fit: float = 1.0
-    evidence: tuple[MaskEvidence, ...] = ()
-    name: str = ""
-    id: str = ""
-
-    @property
-    def membership(self) -> Float32:
-        """Membership of each Gaussian, in [0, 1], shape [N]."""
-        return self.levels.memberships[self.levels.chosen]
-
-    @property
-    def members(self) -> Mask:
-        """Gaussians that belong to the object, bool [N]."""
-        return self.membership >= MEMBER_THRESHOLD
-
-
-def fit_of(item: MaskEvidence, members: Mask, views: Views) -> float:
-    """Return the IoU of a mask with the members, bool [N], rendered in the same view."""
-    return mask_iou(views.visible(item.view, members), item.mask)
-
-
-def is_same(first: Mask, second: Mask) -> bool:
-    """Return whether two results, bool [N], show the same object: more than half of the smaller one is common."""
-    return int((first & second).sum()) > MAX_COMMON * min(int(first.sum()), int(second.sum()))
+_ONE_LEVEL = np.ones(1, np.float32)
+"""Strictness, relative to the settings, where only the object is asked for and no levels."""
 
 
 def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> FoundObject:
@@ -133,9 +62,9 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     """
     context.check_stop()
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
-    most = 1 - _union(context, evidence, _ALONE, excluded=True)[0]
+    most = 1 - _union(context, evidence, _ONE_LEVEL, excluded=True)[0]
     solved = np.minimum(_union(context, evidence, _FACTORS, excluded=False), most)
-    # Where members are known, they were chosen among sets of all sizes: no mask tells how large the object is.
+    # Of known members, the size was chosen already, among sets of all sizes.
     masks = [] if any(item.members is not None for item in shown) else shown
     levels = _nested(context, solved, masks)
     if levels is None:
@@ -147,7 +76,7 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
 
 
 def isolate_proposal(context: SegmentationContext, item: MaskEvidence) -> FoundObject:
-    """Return the object of a proposal, whose members are known, as it stands; errors as of `isolate_object`."""
+    """Return the object of a proposal, whose members are known, with its foot; errors as of `isolate_object`."""
     found = _of_proposal(context, item)
     return replace(found, fit=fit_of(item, found.members, context.views))
 
@@ -184,7 +113,7 @@ def _of_proposal(context: SegmentationContext, item: MaskEvidence) -> FoundObjec
 
 
 def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence]) -> Iterator[Levels | None]:
-    """Yield the levels of the object of each proposal, as it stands; None where no Gaussian belongs to it.
+    """Yield the levels of the object of each proposal, with its foot; None where no Gaussian belongs to it.
 
     Several are solved together, which takes less time.
 
@@ -201,7 +130,7 @@ def levels_of_each(context: SegmentationContext, evidence: Iterable[MaskEvidence
 
 
 def _nested(context: SegmentationContext, solved: Float32, masks: Sequence[MaskEvidence] = ()) -> Levels | None:
-    """Return memberships by `_FACTORS`, [7, N], as levels of the object as it stands; None where nothing belongs to it.
+    """Return memberships by `_FACTORS`, [7, N], as levels of the object with its foot; None if it is empty.
 
     `masks` are those that the object has to fit; without any, it is the usual level.
     """
@@ -214,7 +143,9 @@ def _nested(context: SegmentationContext, solved: Float32, masks: Sequence[MaskE
 
 
 def _standing(context: SegmentationContext, levels: Float32, chosen: int, masks: Sequence[MaskEvidence]) -> Float32:
-    """Return levels, [7, N], of which the chosen one is the object as it stands, unless the masks show otherwise.
+    """Return levels, [7, N], of which the chosen one is the object with its foot and without its pedestal.
+
+    They stay as they are if the masks show otherwise.
 
     Its foot belongs to this level and all larger ones, and what carries it only to larger ones.
     """
@@ -226,7 +157,8 @@ def _standing(context: SegmentationContext, levels: Float32, chosen: int, masks:
             return levels
     foot, carrier = whole & ~members, members & ~whole
     changed = levels.copy()
-    changed[: chosen + 1, carrier] *= MEMBER_THRESHOLD
+    # Halves of the range keep the order of the levels, on the other side of the threshold.
+    changed[: chosen + 1, carrier] *= BELOW_THRESHOLD
     changed[chosen:, foot] = 1 - (1 - changed[chosen:, foot]) * MEMBER_THRESHOLD
     return changed
 
@@ -260,7 +192,7 @@ def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], be
     -------
     array of shape [N], float32
     """
-    added, removed = (_union(context, evidence, _ALONE, excluded=kind)[0] for kind in (False, True))
+    added, removed = (_union(context, evidence, _ONE_LEVEL, excluded=kind)[0] for kind in (False, True))
     return np.minimum(np.maximum(before, added), 1 - removed)
 
 

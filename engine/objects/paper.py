@@ -27,8 +27,8 @@ from .evidence import (
     require_known,
     require_mask,
 )
+from .found import BELOW_THRESHOLD, NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, is_same, nothing_found
 from .graph import bounded
-from .lifting import BELOW_THRESHOLD, NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, is_same
 from .prompts import ClickPrompt, Place, Prompt, TextPrompt
 from .settings import MEMBER_THRESHOLD, PaperSettings
 from .views import View, erode_mask, spread_cameras
@@ -77,12 +77,6 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
     if not found:
         raise PromptError(NONE_LEFT)
     return found
-
-
-def nothing_found(text: str, context: SegmentationContext) -> str:
-    """Return the sentence on a text that the detector knows and finds in no photo."""
-    count = min(context.settings.n_text_views, len(context.label_maps) or len(context.views.cameras.cameras))
-    return f"{text!r} was not found in {count} photos. Use another word, or click on the object instead."
 
 
 def _candidates(

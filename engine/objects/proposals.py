@@ -16,9 +16,9 @@ from scipy.special import expit, logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
+from .found import MAX_COMMON
 from .graph import LARGE, SceneGraph, bounded
 from .groups import build_groups
-from .lifting import MAX_COMMON
 from .settings import MEMBER_THRESHOLD
 from .views import MIN_VISIBLE_PIXELS, SAME_IOU
 from .votes import Votes, votes_of_known

@@ -12,9 +12,9 @@ from ..project.objects import list_objects
 from .candidate_file import remember_candidates
 from .context import SegmentationContext
 from .evidence import meant_by
+from .found import is_same
 from .grounding import offered_model
 from .known_objects import BACKGROUND
-from .lifting import is_same
 from .votes import MaskEvidence, undecided_by
 
 

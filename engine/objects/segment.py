@@ -15,10 +15,11 @@ from ..scene import Camera, PinholeCamera
 from .choosing import answers_of, offers_of, whole_versions
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, unknown_word
+from .found import MAX_COMMON, FoundObject, is_same, nothing_found
 from .graph import bounded
-from .lifting import MAX_COMMON, FoundObject, is_same, isolate_object, isolate_proposal, levels_of_each
+from .lifting import isolate_object, isolate_proposal, levels_of_each
 from .looks import Looks, kept_looks, load_or_build_looks
-from .paper import find_objects_of_paper, nothing_found
+from .paper import find_objects_of_paper
 from .prompts import Place, Prompt, TextPrompt
 from .proposals import choose_sets, gains_of
 from .settings import MEMBER_THRESHOLD, SURE_SCORE, PaperSettings
@@ -208,9 +209,9 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     for done, (levels, name) in enumerate(each, start=1):
         if levels is None:  # all of it is drawn to what surrounds it
             continue
-        whole = levels.memberships[levels.chosen] >= MEMBER_THRESHOLD
+        members = levels.memberships[levels.chosen] >= MEMBER_THRESHOLD
         # The foot of a likelier object may be most of what was chosen.
-        if (whole & taken).sum() > MAX_COMMON * whole.sum():
+        if (members & taken).sum() > MAX_COMMON * members.sum():
             continue
         free = (np.where(taken, np.float32(0), one) for one in levels.memberships)
         levels = replace(levels, memberships=tuple(bounded(one, context.means) for one in free))

@@ -41,8 +41,9 @@ from ..scene import Camera, PinholeCamera, load_detailed
 from .candidate_file import cut_out, forget_candidates, load_candidate
 from .context import DetectorFactory, SegmentationContext, load_context
 from .evidence import evidence_of_clicks
+from .found import BELOW_THRESHOLD, FoundObject, Levels, is_same
 from .known_objects import BACKGROUND, found_again, stored_memberships, was_changed
-from .lifting import BELOW_THRESHOLD, FoundObject, Levels, corrected, is_same, isolate_kept
+from .lifting import corrected, isolate_kept
 from .photos import SamFactory
 from .prompts import Point, Prompt, TextPrompt, describe_prompt
 from .settings import DEFAULT_THRESHOLD, MEMBER_THRESHOLD, SURE_SCORE, SegmentSettings

@@ -9,7 +9,7 @@ import pytest
 from engine.core.errors import Cancelled
 from engine.core.events import Event, Progress
 from engine.objects.context import SegmentationContext
-from engine.objects.lifting import FoundObject
+from engine.objects.found import FoundObject
 from engine.objects.looks import Looks, build_looks
 from engine.objects.segment import find_everything
 from engine.objects.settings import BETTER

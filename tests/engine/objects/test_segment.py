@@ -11,7 +11,8 @@ from PIL import Image
 from engine.core.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.core.events import Event, Progress, ignore_events, never_stop
 from engine.objects.context import SegmentationContext
-from engine.objects.lifting import FoundObject, isolate_object
+from engine.objects.found import FoundObject
+from engine.objects.lifting import isolate_object
 from engine.objects.photos import Photos
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
 from engine.objects.segment import NoMatchError, find_objects

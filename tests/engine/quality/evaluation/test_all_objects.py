@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from engine.masks.storage import label_map_path, write_label_map
-from engine.objects.lifting import FoundObject, Levels
+from engine.objects.found import FoundObject, Levels
 from engine.quality.evaluation.results import Evaluation
 from engine.quality.evaluation.summary import summarise
 from engine.quality.evaluation.table import markdown

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from engine.core.events import never_stop
-from engine.objects.lifting import Levels
+from engine.objects.found import Levels
 from engine.objects.photos import Photos
 from engine.objects.segment import find_objects
 from engine.objects.settings import BETTER
