@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
+from numba.core import event
+
+from engine.scene.camera import PinholeCamera
+from engine.training.adam import AdamState, adam_step
+from engine.training.losses.photometric import photometric_loss
+from tests.engine.rasterizer.scenes import random_scene
 
 _ROOT = Path(__file__).parents[3]
 _COMPILE = """
@@ -17,27 +26,25 @@ logging.basicConfig()
 compile_kernels()
 """
 _STEP = """
-import hashlib
-import torch
-from engine.scene.camera import PinholeCamera
-from engine.training.adam import AdamState, adam_step
-from engine.training.losses.photometric import photometric_loss
-from numba.core import event
-from tests.engine.rasterizer.scenes import random_scene
-
-with event.install_recorder("numba:compile") as compiled:
-    camera = PinholeCamera(torch.eye(4).numpy(), torch.tensor([[40.0, 0, 25], [0, 40, 20], [0, 0, 1]]).numpy(), 50, 40)
-    scene = random_scene(200, n_features=16).leaves(torch.float32)
-    viewmat = torch.eye(4, dtype=torch.float64, requires_grad=True)
-    raster = scene.render(camera, viewmat=viewmat)
-    loss = photometric_loss(raster.image[..., :3].contiguous(), torch.full((40, 50, 3), 0.5))
-    (loss + raster.image[..., 3:].square().mean() + raster.transmittance.mean()).backward()
-    adam_step([(scene.means.detach(), scene.means.grad, 1e-3)], [AdamState.zeros_like(scene.means)])
-digest = hashlib.sha256(raster.image.detach().numpy().tobytes())
-for tensor in scene.tensors().values():
-    digest.update(tensor.grad.numpy().tobytes())
-print(len(compiled.buffer), digest.hexdigest())
+from tests.engine.rasterizer.test_compilation import training_step
+print(*training_step())
 """
+
+
+def training_step() -> tuple[int, str]:
+    """Return the number of kernels that a step compiled, and the hash of its picture and gradients."""
+    with event.install_recorder("numba:compile") as compiled:
+        camera = PinholeCamera(np.eye(4), np.array([[40.0, 0, 25], [0, 40, 20], [0, 0, 1]]), 50, 40)
+        scene = random_scene(200, n_features=16).leaves(torch.float32)
+        viewmat = torch.eye(4, dtype=torch.float64, requires_grad=True)
+        raster = scene.render(camera, viewmat=viewmat)
+        loss = photometric_loss(raster.image[..., :3].contiguous(), torch.full((40, 50, 3), 0.5))
+        (loss + raster.image[..., 3:].square().mean() + raster.transmittance.mean()).backward()
+        adam_step([(scene.means.detach(), scene.means.grad, 1e-3)], [AdamState.zeros_like(scene.means)])
+    digest = hashlib.sha256(raster.image.detach().numpy().tobytes())
+    for tensor in scene.tensors().values():
+        digest.update(tensor.grad.numpy().tobytes())
+    return len(compiled.buffer), digest.hexdigest()
 
 
 _WITHOUT_AVX = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "+sse2"}
@@ -57,4 +64,4 @@ def test_compiled_kernels_are_loaded_from_the_cache_and_a_processor_without_avx_
     assert "compiling process failed" not in process.stderr
     n_compiled, digest = _python(_STEP, **without_avx).stdout.split()
     assert n_compiled == "0"
-    assert _python(_STEP).stdout.split()[1] == digest
+    assert training_step()[1] == digest
