@@ -249,7 +249,10 @@ class _TrainingRun:
         """Train two copies, without `band` and with it, and use it from now on if that gains enough."""
         state, schedule = self.state, self.schedule
         self.write_checkpoint()  # A run that is stopped during a trial resumes before it.
-        without, with_it = (self._psnr_in_trial(state.copy(), limit) for limit in (state.sh_limit or 0, band))
+        without, with_it = (
+            self._psnr_in_trial(state.copy(), limit, n_before)
+            for limit, n_before in ((state.sh_limit or 0, 0), (band, schedule.trial_steps))
+        )
         kept = with_it - without >= self.settings.appearance.min_trial_gain
         state.trials.append(Trial(str(band), state.step, schedule.trial_steps, with_it - without, kept))
         if kept:
@@ -258,19 +261,22 @@ class _TrainingRun:
             state.parameters.cut_sh(state.sh_limit or 0)
         self._use(state, schedule)
 
-    def _psnr_in_trial(self, state: RunState, sh_limit: int) -> float:
+    def _psnr_in_trial(self, state: RunState, sh_limit: int, n_before: int) -> float:
         """Train `state` for the steps of a trial with falling rates and return the PSNR on the validation photos.
 
-        The cooldown is needed because at full rates the PSNR depends on the last photos trained on.
+        The cooldown is needed because at full rates the PSNR depends on the last photos trained on. `n_before` steps
+        of the trial are made.
         """
-        end = state.step + self.schedule.trial_steps
+        begun = state.step
+        end = begun + self.schedule.trial_steps
         state.sh_limit = sh_limit
         self._use(state, self.schedule.of_trial(state.step))
         while state.step < end:
             if self.should_stop():
                 raise Cancelled(CANCELLED_MESSAGE)
             self._advance(end)
-            self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}, trying view-dependent colours")
+            message = f"step {state.step} of {self.settings.schedule.steps}, trying view-dependent colours"
+            self._emit_progress(message, self.schedule.done(begun, n_before + state.step - begun))
         levels = [self.pyramid.level(view, 0) for view in self.schedule.validation]
         measure_trial = exposure_corrected_quality if self.settings.appearance.exposure else measure
         return measure_trial(self._picture, levels).psnr
@@ -346,7 +352,8 @@ class _TrainingRun:
         if self._checkpoint_is_due(now) or finished:
             with part("writing"):
                 self.write_checkpoint()
-        self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}", finished=finished)
+        message = f"step {state.step} of {self.settings.schedule.steps}"
+        self._emit_progress(message, self.schedule.done(state.step), finished=finished)
 
     def _checkpoint_is_due(self, now: float) -> bool:
         seconds = self.steps.checkpoint_seconds
@@ -354,17 +361,15 @@ class _TrainingRun:
             return self.state.step % self.settings.schedule.checkpoint_interval == 0
         return now - self._stored >= seconds
 
-    def _emit_progress(self, message: str, *, finished: bool = False) -> None:
-        """Emit progress and metrics, at most once per second except at the end."""
+    def _emit_progress(self, message: str, done: float, *, finished: bool = False) -> None:
+        """Emit progress and metrics, at most once per second except at the end; `done` is a fraction of the run."""
         state, now = self.state, time.monotonic()
         if now - self._reported < EVENT_INTERVAL and not finished:
             return
         self._reported = now
         self.emit(Metric(STAGE, "loss", self._loss, state.step))
         self.emit(Metric(STAGE, "gaussians", float(self.steps.n_gaussians), state.step))
-        done = self.schedule.done(state.step)
         spent = (self.clock.wall - self._first_wall) / (done - self._first_done)
-        done = 1.0 if finished else done
         self.emit(Progress(STAGE, done, spent * (1.0 - done), message))
 
     def _levels(self) -> list[Level]:

@@ -96,8 +96,6 @@ class Schedule:
         coarse = _COARSE_UNTIL * settings.schedule.steps
         self._coarse_ends = [coarse * share for share in shares[1 : 2 * settings.schedule.coarse_levels + 1]]
         self._cooling_steps = round(settings.schedule.cooldown * settings.schedule.steps)
-        per_step = [SIZE_INDEPENDENT_WORK + self.scale(step) ** 2 for step in range(settings.schedule.steps)]
-        self._work = np.concatenate([[0.0], np.cumsum(per_step)])
         searches = TRANSIENT_SEARCHES if settings.appearance.transients else ()
         self.searches_for_transients = frozenset(max(1, round(part * settings.schedule.steps)) for part in searches)
         self.thinnings = self._numbers_left() if settings.growth.kept < 1 else {}
@@ -106,6 +104,9 @@ class Schedule:
         self.trials = self._bands_to_try() if self.trial_steps else {}
         self.validation = validation_photos(n_views) if self.trials else ()
         self.validation_until = max(self.trials, default=0)
+        # A trial, of two copies, is counted with the step behind it.
+        n_with_trial = [1 + 2 * self.trial_steps * (step in self.trials) for step in range(settings.schedule.steps)]
+        self._work = np.concatenate([[0.0], np.cumsum([n * self._cost(s) for s, n in enumerate(n_with_trial)])])
         self.curve_steps = _log_spaced(settings.schedule.steps, settings.measurement.curve_points)
 
     def trained_on(self, step: int) -> list[int]:
@@ -262,9 +263,13 @@ class Schedule:
         bands = {settings.appearance.sh_interval * band: band for band in range(1, settings.appearance.sh_degree + 1)}
         return {step: band for step, band in bands.items() if step <= last}
 
-    def done(self, step: int) -> float:
-        """Return the fraction of the run time before the step, 0 to 1."""
-        return float(self._work[step] / self._work[-1])
+    def done(self, step: int, in_trial: int = 0) -> float:
+        """Return the fraction of the run time, 0 to 1, before the step and `in_trial` steps of a trial before it."""
+        return float((self._work[step] + in_trial * self._cost(step)) / self._work[-1])
+
+    def _cost(self, step: int) -> float:
+        """Return the run time of the step, in that of the pixels of a full-size picture."""
+        return SIZE_INDEPENDENT_WORK + self.scale(step) ** 2
 
 
 def _log_spaced(steps: int, n: int) -> frozenset[int]:

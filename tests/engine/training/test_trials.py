@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.core.events import ignore_events, never_stop
+from engine.core.events import Emit, Event, Progress, ignore_events, never_stop
 from engine.training.held_out import render_picture
 from engine.training.loop import train
 from engine.training.parameters import Parameters
@@ -28,10 +28,9 @@ def run(
     folder: Path,
     *,
     views: list[TrainingView] | None = None,
+    emit: Emit = ignore_events,
 ) -> TrainingResult:
-    return train(
-        scene.start, views or scene.views, settings, checkpoints=folder, emit=ignore_events, should_stop=never_stop
-    )  # fmt: skip
+    return train(scene.start, views or scene.views, settings, checkpoints=folder, emit=emit, should_stop=never_stop)
 
 
 def test_view_dependent_colours_are_used_where_photos_show_them(
@@ -59,6 +58,17 @@ def test_bands_are_removed_when_their_trial_fails(large_scene: Scene, tmp_path: 
     assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("1", False)]
     assert result.gaussians.sh.shape[1] == 1
     assert result.figures["sh_degree"] == 0
+
+
+def test_progress_never_falls_in_a_trial(large_scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("engine.training.loop.EVENT_INTERVAL", 0.0)
+    events: list[Event] = []
+    run(large_scene, BANDS.changed(steps=160, sh_interval=40, sh_degree=1), tmp_path, emit=events.append)
+    progress = [event for event in events if isinstance(event, Progress)]
+    shown = [event.fraction for event in progress]
+    tried = [event.fraction for event in progress if "trying" in event.message]
+    # Both copies make 50 steps, of 260 in all.
+    assert shown == sorted(shown) and shown[-1] == 1.0 and tried[-1] - tried[0] > 0.3
 
 
 def test_with_few_photos_everything_is_used_without_trial(large_scene: Scene, tmp_path: Path) -> None:
