@@ -132,17 +132,9 @@ mixtures: setup ## 300 mixed photo folders with a known truth, into docs/mixture
 stability: ## float32 against float64 in stiff and extreme cases; writes docs/stability.md
 	$(ENGINE) -m engine stability --out docs/stability.md
 
-bench-training: setup ## training on all photo sets beside gsplat, and its parts; 80 minutes of two free cores
-	$(ENGINE) -m benchmarks.rooms render room_6 room_8
-	$(ENGINE) -m benchmarks.training --jobs 2 --sets $(TRAINING_SETS) --objects --doc docs/error_vs_time.md \
-		--title "Training with segmentation features"
-	$(ENGINE) -m benchmarks.training --jobs 2 --sets $(TRAINING_SETS) --variants no-features --seeds 0,1 --pictures \
-		--doc docs/error_vs_time.md
-	$(ENGINE) -m benchmarks.training --jobs 2 --preset preview --variants no-features --doc docs/error_vs_time.md \
-		--title "Training with the preset preview"
-	$(ENGINE) -m benchmarks.training --jobs 2 --sets meeting_place9,banana16,room_6,room_8 --doc docs/training.md \
-		--variants no-features,no-exposure,free-exposure,growth-by-opacity,no-dropout,bands-1 \
-		--title "Parts of the method"
+bench-training: setup ## presets on all photo sets beside gsplat, into docs/error_vs_time.md; resumable; 45 CPU minutes
+	$(ENGINE) -m benchmarks.training presets --sets $(TRAINING_SETS) --doc docs/error_vs_time.md \
+		--picture docs/error_vs_time_processor.png
 
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
 	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md

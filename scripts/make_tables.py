@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -88,22 +87,6 @@ def joint() -> None:
     run(*command, "--seeds", "0,1,2", "--doc", "docs/segmentation.md")
 
 
-def bench() -> None:
-    """Error against run time: docs/error_vs_time.md."""
-    data = os.environ.get("GAUSSIAN_HERITAGE_DATA")
-    if not data:
-        sys.exit("GAUSSIAN_HERITAGE_DATA is not set. Set it to the folder with the photo sets, then run again.")
-    sets: dict[Path, tuple[str, ...]] = {
-        OUT / "museum_room" / "project": ("preview,standard", "--everything"),
-        Path(data) / "skull66" / "photos": ("preview,standard",),
-        Path(data) / "sakharov_statue32" / "photos": ("preview,standard",),
-        Path(data) / "banana16" / "photos": ("preview,standard",),
-    }
-    for scene, presets in sets.items():
-        out = OUT / "bench" / scene.parent.name
-        run("-m", "engine", "bench", scene, "--presets", *presets, "--out", out, "--doc", "docs/error_vs_time.md")
-
-
 def _evaluate(scene: str, methods: str, kind: str) -> Sequence[str | Path]:
     project, truth = OUT / scene / "project", Path("demo") / scene / "truth"
     return ("-m", "engine", "evaluate", project, truth, "--presets", methods, "--prompt-kind", kind)
@@ -111,7 +94,6 @@ def _evaluate(scene: str, methods: str, kind: str) -> Sequence[str | Path]:
 
 TABLES: dict[str, Callable[[], None]] = {
     "scenes": scenes, "masks": masks, "words": words, "detail": detail, "clicks": clicks, "joint": joint,
-    "bench": bench,
 }  # fmt: skip
 
 

@@ -1,88 +1,122 @@
-"""Train variants of the method on photo sets and tabulate what they gain: ``python -m benchmarks.training``.
+"""Train photo sets on the processor and tabulate the error: ``python -m benchmarks.training COMMAND``.
 
-Cameras and masks of each set are made once. A stopped run continues. Results of another state of the engine are kept,
-and are not mixed with these.
+`presets` trains as the plan does for a user who chooses a preset: a table beside gsplat, and a picture of error against
+seconds. `variants` exchanges parts of the method and tells what each gains. Cameras and masks of a set are made once. A
+stopped run continues. Results of another state of the engine are kept, and are not mixed with these.
 
-example: python -m benchmarks.training --sets herz_jesus25,banana16 --variants as-planned,detached --seeds 0
+example: python -m benchmarks.training presets --sets herz_jesus25,banana16
+         python -m benchmarks.training variants --sets herz_jesus25,banana16 --variants as-planned,detached --seeds 0,1
 """
 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+import time
+from collections.abc import Callable, Collection, Sequence
+from itertools import product
 from pathlib import Path
 
-from engine.core.errors import EnvironmentProblem, HeritageError
-from engine.quality.evaluation import write_section
-from engine.quality.evaluation.settings import MARKS
+from engine.core.errors import HeritageError
+from engine.core.files import atomic_write
+from engine.training.settings import PRESETS
 
-from .measuring import measure_set
+from ..documents import put_into
 from .photo_sets import NAMES, REAL_SETS, SCENES, photo_set
-from .running import TrainingBench
-from .table import details, overview
+from .pictures import write_error_picture
+from .presets_plot import presets_plot
+from .running import Measured, TrainingBench
+from .table import presets_table, variants_table
 from .variants import VARIANTS
 
-_DEFAULT_SETS = (*REAL_SETS, *SCENES)
+PRESETS_PART = "presets on the processor"
+"""Name of the table in a document."""
 
-_REFERENCES = """gsplat's figures are means of three seeds at the end of the run (`benchmarks/training/reference.py`);
-those of commit 06f55961 are of one run each."""
+_DEFAULT_SETS = (*REAL_SETS, *SCENES)
+_AS_PLANNED = "as-planned"
 
 
 def main() -> None:
-    """Train, measure, print the tables, and write them to the file given by ``--doc``."""
+    """Train, measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--sets", default=",".join(_DEFAULT_SETS), help=f"of {', '.join(NAMES)} (default: %(default)s)")
-    parser.add_argument("--variants", default="as-planned", help=f"of {', '.join(VARIANTS)} (default: %(default)s)")
-    parser.add_argument("--seeds", default="0", metavar="N,N", help="(default: %(default)s)")
-    parser.add_argument("--preset", default="standard", choices=("preview", "standard"), help="(default: %(default)s)")
-    parser.add_argument("--objects", action="store_true", help="evaluate objects, too, where there is ground truth")
-    parser.add_argument("--pictures", action="store_true", help="write pictures of the errors beside the trainings")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="sets at a time (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("out/training"), help="(default: %(default)s)")
-    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="file for the section")
-    parser.add_argument("--title", default="Training on all photo sets", help="of the section (default: %(default)s)")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    one = commands.add_parser("presets", help="presets as planned, beside gsplat")
+    one.add_argument("--presets", type=_of(PRESETS), default=["preview", "standard"], help="(default: both)")
+    one.add_argument("--doc", type=Path, metavar="FILE.md", help="document for the table")
+    one.add_argument("--picture", type=Path, metavar="FILE.png", help="file for a picture of error against seconds")
+    one.set_defaults(run=_presets)
+    two = commands.add_parser("variants", help="parts of the method exchanged")
+    two.add_argument("--variants", type=_of(VARIANTS), required=True, help=f"of {', '.join(VARIANTS)}")
+    two.add_argument("--preset", default="standard", choices=PRESETS, help="(default: %(default)s)")
+    two.add_argument("--pictures", action="store_true", help="write pictures of the errors beside the trainings")
+    two.set_defaults(run=_variants)
+    for command in (one, two):
+        command.add_argument("--sets", type=_of(NAMES), default=list(_DEFAULT_SETS), help=f"of {', '.join(NAMES)}")
+        command.add_argument("--seeds", default="0", metavar="N,N", help="(default: %(default)s)")
+        command.add_argument("--out", type=Path, default=Path("out/training"), help="(default: %(default)s)")
+        command.add_argument("--measured-only", action="store_true", help="train nothing: tell what is measured so far")
     options = parser.parse_args()
-    unknown = [name for name in options.variants.split(",") if name not in VARIANTS]
-    if unknown:
-        parser.error(f"there is no variant {unknown[0]!r}, only {', '.join(VARIANTS)}")
-    if options.jobs < 1:
-        parser.error(f"--jobs must be at least 1, got {options.jobs}")
     try:
-        _run(options)
+        options.run(options)
     except HeritageError as error:
         sys.exit(str(error))
 
 
-def _run(options: argparse.Namespace) -> None:
-    sets = [photo_set(name) for name in options.sets.split(",")]
-    bench = TrainingBench(options.out, preset=options.preset, objects=options.objects)
-    variants, seeds = options.variants.split(","), [int(text) for text in options.seeds.split(",")]
-    # Forked processes would inherit torch's threads in an unknown state.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
-        jobs = [pool.submit(measure_set, bench, one, variants, seeds, pictures=options.pictures) for one in sets]
-        try:
-            for job in as_completed(jobs):
-                job.result()
-        except BrokenProcessPool as error:
-            text = "A training process was ended from outside, perhaps for lack of memory. Run again with --jobs 1."
-            raise EnvironmentProblem(text) from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-        results = {key: measured for job in jobs for key, measured in job.result().items()}
-    options_text = f"--sets {options.sets} --variants {options.variants} --seeds {options.seeds}"
-    options_text += "" if options.preset == "standard" else f" --preset {options.preset}"
-    options_text += " --objects" if options.objects else ""
-    body = "\n\n".join([
-        f"```\npython -m benchmarks.training {options_text}\n```", MARKS["in sample"], overview(results), _REFERENCES,
-        details(results),
-    ])  # fmt: skip
-    sys.stdout.write(f"{body}\n")
+def _of(names: Collection[str]) -> Callable[[str], list[str]]:
+    """Return a type of argument: some of `names` with commas between."""
+
+    def chosen(text: str) -> list[str]:
+        unknown = [name for name in text.split(",") if name not in names]
+        if unknown:
+            raise argparse.ArgumentTypeError(f"there is no {unknown[0]!r}, only {', '.join(names)}")
+        return text.split(",")
+
+    return chosen
+
+
+def _presets(options: argparse.Namespace) -> None:
+    results = _measured(options, options.presets, [_AS_PLANNED])
+    table = presets_table(results)
+    sys.stdout.write(f"{table}\n")
     if options.doc:
-        write_section(options.doc, title=options.title, body=body)
+        put_into(options.doc, PRESETS_PART, table)
+    if options.picture:
+        with atomic_write(options.picture) as stream:
+            stream.write(presets_plot(results))
+
+
+def _variants(options: argparse.Namespace) -> None:
+    results = _measured(options, [options.preset], options.variants)
+    sys.stdout.write(f"{variants_table(results)}\n")
+    if options.pictures:
+        bench = TrainingBench(options.out)
+        for name, preset, variant in results:
+            photos = photo_set(name)
+            for seed in _seeds(options):
+                folder = bench.folder(photos, preset, VARIANTS[variant], seed)
+                write_error_picture(folder, bench.cameras(photos), photos.photos, folder / "error.png")
+
+
+def _seeds(options: argparse.Namespace) -> list[int]:
+    return [int(text) for text in options.seeds.split(",")]
+
+
+def _measured(
+    options: argparse.Namespace, presets: Sequence[str], variants: Sequence[str]
+) -> dict[tuple[str, str, str], list[Measured]]:
+    """Return the figures by set, preset and variant, one for each seed."""
+    bench, begin = TrainingBench(options.out), time.monotonic()
+    results: dict[tuple[str, str, str], list[Measured]] = {}
+    sets = [photo_set(name) for name in options.sets]
+    for photos, preset, variant, seed in product(sets, presets, variants, _seeds(options)):
+        how = bench.stored if options.measured_only else bench.measured
+        found = how(photos, preset, VARIANTS[variant], seed)
+        if found is None:
+            continue
+        results.setdefault((photos.name, preset, variant), []).append(found)
+        minutes, what = (time.monotonic() - begin) / 60, f"{photos.name}, {preset}, {variant}, seed {seed}"
+        sys.stderr.write(f"[{minutes:6.1f} min] {what}: {found.psnr:.2f} dB, {found.cpu_seconds:.0f} CPU s\n")
+    return results
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from engine.core.errors import SettingsError
 
+from ..rooms.keeping import KEPT_FOLDER, unpack_room
+
 ROOT = Path(__file__).resolve().parents[2]
 
 REAL_SETS = ("herz_jesus25", "meeting_place9", "banana16", "sakharov_statue32", "skull66")
@@ -15,9 +17,6 @@ REAL_SETS = ("herz_jesus25", "meeting_place9", "banana16", "sakharov_statue32", 
 SCENES = ("museum_room", "store_room")
 ROOMS = tuple(f"room_{number}" for number in range(1, 9))
 NAMES = (*REAL_SETS, *SCENES, *ROOMS)
-
-GAUSSIANS_OF_ROOMS = 15_000
-"""Gaussians of a random room, as many as those of gsplat that `benchmarks.training.reference` names."""
 
 
 @dataclass(frozen=True)
@@ -28,37 +27,33 @@ class PhotoSetFolder:
     ----------
     name : str
     photos : Path
-    cameras : Path or None
-        COLMAP model of the true cameras; None where cameras are estimated.
-    truth : Path or None
-        Ground truth of the objects.
-    max_gaussians : int or None
-        None for the number of the preset.
+    project : Path or None
+        Finished project whose cameras and masks are used; None where they are made.
     """
 
     name: str
     photos: Path
-    cameras: Path | None = None
-    truth: Path | None = None
-    max_gaussians: int | None = None
+    project: Path | None = None
 
 
 def photo_set(name: str) -> PhotoSetFolder:
-    """Return a photo set by its name.
+    """Return a photo set by its name. A kept room is unpacked into ``out/kept`` at the first call.
 
     Raises
     ------
     SettingsError
         When there is no such set, or its photos are not on this computer.
+    HeritageError
+        As `unpack_room`.
     """
     if name in SCENES:
         folder = ROOT / "demo" / name
-        return PhotoSetFolder(name, folder / "photos", truth=folder / "truth")
+        return PhotoSetFolder(name, folder / "photos")
     if name in ROOMS:
-        folder = ROOT / "out" / "rooms" / name
-        if not (folder / "cameras").is_dir():
-            raise SettingsError(f"{name} is not rendered. Run `python -m benchmarks.rooms render {name}` first.")
-        return PhotoSetFolder(name, folder / "photos", folder / "cameras", folder / "truth", GAUSSIANS_OF_ROOMS)
+        folder = ROOT / "out" / "kept" / name
+        if not folder.exists():
+            unpack_room(ROOT / KEPT_FOLDER / f"{name}.tar.xz", folder)
+        return PhotoSetFolder(name, folder / "photos", folder / "project")
     if name not in REAL_SETS:
         raise SettingsError(f"There is no photo set {name!r}, only {', '.join(NAMES)}.")
     data = os.environ.get("GAUSSIAN_HERITAGE_DATA")

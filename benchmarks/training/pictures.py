@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.core.files import atomic_write
-from engine.scene import read_camera_set
+from engine.scene import CameraSet
 from engine.training import load_gaussians
 from engine.training.coverage import Coverage
 from engine.training.held_out import render_picture
@@ -23,21 +23,20 @@ _MANY_PHOTOS = 6
 """Number of photos from which a place is shown white."""
 
 
-def write_error_picture(project: Path, cameras: Path, photos: Path, out: Path, *, n_rows: int = 3) -> None:
+def write_error_picture(project: Path, cameras: CameraSet, photos: Path, out: Path, *, n_rows: int = 3) -> None:
     """Write a PNG with a row for each of the first test photos.
 
     Parameters
     ----------
     project : Path
         Trained project.
-    cameras : Path
-        Its cameras.
+    cameras : CameraSet
     photos : Path
     out : Path
     n_rows : int
     """
     settings = TrainingSettings().changed(train_features=False)
-    views = load_views(photos, read_camera_set(cameras), {}, settings)
+    views = load_views(photos, cameras, {}, settings)
     gaussians = load_gaussians(project / "gaussians")
     degree = int(round(gaussians.sh.shape[1] ** 0.5)) - 1
     values = Parameters.from_gaussians(gaussians, sh_degree=degree, features=False).values

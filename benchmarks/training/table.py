@@ -1,74 +1,69 @@
-"""Tables of variants over photo sets."""
+"""Tables of trainings: presets beside gsplat, and variants over photo sets."""
 
 from __future__ import annotations
 
 import statistics
 from collections.abc import Mapping, Sequence
 
-from .reference import BEFORE, GSPLAT, GSPLAT_FITTED
+from .reference import GSPLAT, GSPLAT_FITTED
 from .running import Measured
 
-Results = Mapping[tuple[str, str], Sequence[Measured]]
-"""Figures by set and variant, one for each seed."""
+Results = Mapping[tuple[str, str, str], Sequence[Measured]]
+"""Figures by set, preset and variant, one for each seed."""
 
 
-def overview(results: Results) -> str:
-    """Return the table of mean PSNR on test photos: a column per set, and the means over all sets that a row has.
+def presets_table(results: Results) -> str:
+    """Return a row for each set and preset: means over the seeds, beside what gsplat reaches on the set."""
+    lines = [
+        "| set | preset | steps | Gaussians | test PSNR dB | fitted | SSIM | wall s | CPU s | gsplat dB | fitted |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for (name, preset, _), found in results.items():
+        cells = [
+            name, f"`{preset}`", f"{_mean(found, 'steps'):,.0f}", f"{_mean(found, 'n_gaussians'):,.0f}",
+            f"{_mean(found, 'psnr'):.2f}", f"{_mean(found, 'fitted_psnr'):.2f}", f"{_mean(found, 'ssim'):.3f}",
+            f"{_mean(found, 'wall_seconds'):.0f}", f"{_mean(found, 'cpu_seconds'):.0f}",
+            _decibels(GSPLAT.get(name)), _decibels(GSPLAT_FITTED.get(name)),
+        ]  # fmt: skip
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
-    In brackets with the brightness of each picture fitted to its photo.
+
+def variants_table(results: Results) -> str:
+    """Return mean PSNR on test photos: a row per variant, a column per set, and the mean change to the first variant.
+
+    In brackets with the brightness of each picture fitted to its photo. The change is over the sets that both have.
     """
-    sets, variants = list(dict.fromkeys(s for s, _ in results)), list(dict.fromkeys(v for _, v in results))
+    by_variant: dict[str, dict[str, Sequence[Measured]]] = {}
+    for (name, _, variant), found in results.items():
+        by_variant.setdefault(variant, {})[name] = found
+    sets = list(dict.fromkeys(name for name, _, _ in results))
     lines = [
         f"| PSNR dB (fitted) | {' | '.join(sets)} | mean change |",
         f"| --- |{' ---: |' * (len(sets) + 1)}",
     ]
-    first = variants[0]
-    for variant in variants:
-        runs = [results.get((name, variant), ()) for name in sets]
-        cells = [_cell(_mean(run, "psnr"), _mean(run, "fitted_psnr")) if run else "" for run in runs]
-        change = ""
-        if variant != first:
-            base = [results.get((name, first), ()) for name in sets]
-            pairs = [(run, other) for run, other in zip(runs, base, strict=True) if run and other]
-            if pairs:
-                change = _cell(*(_mean_change(pairs, figure) for figure in ("psnr", "fitted_psnr")), sign="+")
-        lines.append(f"| {variant} | {' | '.join(cells)} | {change} |")
-    for title, psnr, fitted in (
-        ("commit 06f55961, as planned", BEFORE, {}), ("gsplat, 3,000 steps", GSPLAT, GSPLAT_FITTED),
-    ):  # fmt: skip
-        cells = [_cell(psnr[name], fitted.get(name)) if name in psnr else "" for name in sets]
-        lines.append(f"| {title} | {' | '.join(cells)} | |")
-    return "\n".join(lines)
-
-
-def _mean_change(pairs: Sequence[tuple[Sequence[Measured], Sequence[Measured]]], figure: str) -> float:
-    return statistics.mean(_mean(run, figure) - _mean(base, figure) for run, base in pairs)
-
-
-def _cell(psnr: float, fitted: float | None, *, sign: str = "") -> str:
-    return f"{psnr:{sign}.2f}" + ("" if fitted is None else f" ({fitted:{sign}.2f})")
-
-
-def details(results: Results) -> str:
-    """Return the table of all figures, a row per set and variant, means over the seeds."""
-    lines = [
-        "| set | variant | seeds | steps | PSNR dB | fitted | well seen | trained | SSIM | FLIP | dark % "
-        "| dark % trained | objects mIoU % | CPU s |",
-        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
-    ]
-    for (name, variant), found in results.items():
-        well_seen = [measured.well_seen_psnr for measured in found if measured.well_seen_psnr is not None]
-        iou = [measured.iou for measured in found if measured.iou is not None]
-        seen = f"{statistics.mean(well_seen):.2f} ({_mean(found, 'well_seen_share'):.0%})" if well_seen else ""
+    base = next(iter(by_variant.values()))
+    for variant, row in by_variant.items():
         cells = [
-            name, variant, str(len(found)), f"{_mean(found, 'steps'):,.0f}", f"{_mean(found, 'psnr'):.2f}",
-            f"{_mean(found, 'fitted_psnr'):.2f}", seen, f"{_mean(found, 'trained_psnr'):.2f}",
-            f"{_mean(found, 'ssim'):.3f}", f"{_mean(found, 'flip'):.3f}", f"{100 * _mean(found, 'dark_share'):.2f}",
-            f"{100 * _mean(found, 'dark_share_trained'):.2f}", f"{statistics.mean(iou):.1f}" if iou else "",
-            f"{_mean(found, 'cpu_seconds'):.0f}",
-        ]  # fmt: skip
-        lines.append(f"| {' | '.join(cells)} |")
+            _cell(_mean(row[name], "psnr"), _mean(row[name], "fitted_psnr")) if name in row else "" for name in sets
+        ]
+        both = [name for name in sets if name in row and name in base]
+        change = ""
+        if row is not base and both:
+            change = _cell(*(
+                statistics.mean(_mean(row[name], figure) - _mean(base[name], figure) for name in both)
+                for figure in ("psnr", "fitted_psnr")
+            ), sign="+")  # fmt: skip
+        lines.append(f"| {variant} | {' | '.join(cells)} | {change} |")
     return "\n".join(lines)
+
+
+def _cell(psnr: float, fitted: float, *, sign: str = "") -> str:
+    return f"{psnr:{sign}.2f} ({fitted:{sign}.2f})"
+
+
+def _decibels(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
 
 
 def _mean(found: Sequence[Measured], figure: str) -> float:

@@ -1,4 +1,4 @@
-"""The tables of training variants: means over seeds, changes against the first variant, and refused set names."""
+"""The tables and the picture of training: means over seeds, gsplat beside, changes against the first variant."""
 
 from __future__ import annotations
 
@@ -11,36 +11,41 @@ import pytest
 
 from benchmarks.training.photo_sets import NAMES, photo_set
 from benchmarks.training.running import Measured, TrainingBench
-from benchmarks.training.table import details, overview
+from benchmarks.training.table import presets_table, variants_table
 from benchmarks.training.variants import VARIANTS
 from engine.core.errors import SettingsError
 from engine.core.files import write_json
 from engine.training.settings import PRESETS
 
 ROOT = Path(__file__).resolve().parents[2]
+CURVE = [{"cpu_seconds": seconds, "psnr": psnr} for seconds, psnr in ((10.0, 18.0), (100.0, 20.0))]
 FIGURES = Measured(
-    psnr=20.0, fitted_psnr=21.0, well_seen_psnr=22.0, ssim=0.5, l1=0.1, flip=0.2, well_seen_share=0.8, dark_share=0.01,
-    dark_share_trained=0.002, trained_psnr=25.0, steps=3000, n_gaussians=40_000, cpu_seconds=100.0, iou=None,
+    psnr=20.0, fitted_psnr=21.0, ssim=0.5, steps=3000, n_gaussians=40_000, wall_seconds=60.0, cpu_seconds=100.0,
+    curve=CURVE,
 )  # fmt: skip
 
 
-def test_overview_tells_mean_changes_over_the_sets_that_both_variants_have() -> None:
-    results = {
-        ("banana16", "as-planned"): [FIGURES, replace(FIGURES, psnr=21.0)],
-        ("banana16", "detached"): [replace(FIGURES, psnr=22.0)],
-        ("skull66", "as-planned"): [FIGURES],
-    }
-    text = overview(results)
+def test_each_preset_has_its_means_beside_what_gsplat_reaches_on_the_set() -> None:
+    text = presets_table(
+        {
+            ("banana16", "standard", "as-planned"): [FIGURES, replace(FIGURES, psnr=21.0)],
+            ("room_1", "preview", "as-planned"): [FIGURES],
+        }
+    )
+    assert "| banana16 | `standard` | 3,000 | 40,000 | 20.50 | 21.00 | 0.500 | 60 | 100 | 26.31 | 26.45 |" in text
+    assert "| room_1 | `preview` | 3,000 | 40,000 | 20.00 | 21.00 | 0.500 | 60 | 100 |  |  |" in text
+
+
+def test_variants_tell_mean_changes_over_the_sets_that_both_have() -> None:
+    text = variants_table(
+        {
+            ("banana16", "standard", "as-planned"): [FIGURES, replace(FIGURES, psnr=21.0)],
+            ("banana16", "standard", "detached"): [replace(FIGURES, psnr=22.0)],
+            ("skull66", "standard", "as-planned"): [FIGURES],
+        }
+    )
     assert "| as-planned | 20.50 (21.00) | 20.00 (21.00) |  |" in text
     assert "| detached | 22.00 (21.00) |  | +1.50 (+0.00) |" in text
-    assert "| commit 06f55961, as planned | 24.80 | 25.13 | |" in text
-    assert "| gsplat, 3,000 steps | 26.31 (26.45) | 23.86 (25.16) | |" in text
-
-
-def test_details_tell_every_figure_and_leave_out_what_was_not_measured() -> None:
-    text = details({("banana16", "detached"): [FIGURES, replace(FIGURES, iou=80.0, well_seen_psnr=None)]})
-    assert "| banana16 | detached | 2 | 3,000 | 20.00 | 21.00 | 22.00 (80%) | 25.00 |" in text
-    assert "| 1.00 | 0.20 | 80.0 | 100 |" in text
 
 
 def test_sets_that_are_not_there_are_refused_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,16 +57,24 @@ def test_sets_that_are_not_there_are_refused_in_one_sentence(tmp_path: Path, mon
     assert photo_set("museum_room").photos.is_dir() and len(set(NAMES)) == len(NAMES)
 
 
-def test_two_sets_at_a_time_make_one_table_without_repeating_what_is_measured(tmp_path: Path) -> None:
-    bench = TrainingBench(tmp_path, preset="standard", objects=False)
-    for name in ("museum_room", "store_room"):
-        folder = bench.folder(photo_set(name), VARIANTS["no-features"], 0)
-        write_json(folder / "measured.json", {"figures": asdict(FIGURES)})
-    command = [sys.executable, "-m", "benchmarks.training", "--sets", "museum_room,store_room", "--jobs", "2"]
-    command += ["--variants", "no-features", "--out", str(tmp_path), "--doc", str(tmp_path / "table.md")]
+def test_what_is_measured_so_far_makes_a_table_and_a_picture(tmp_path: Path) -> None:
+    bench, document, picture = TrainingBench(tmp_path), tmp_path / "table.md", tmp_path / "picture.png"
+    measured = (("museum_room", "preview", 19.0), ("museum_room", "standard", 20.0), ("store_room", "preview", 18.0))
+    for name, preset, psnr in measured:
+        folder = bench.folder(photo_set(name), preset, VARIANTS["as-planned"], 0)
+        write_json(folder / "measured.json", {"figures": asdict(replace(FIGURES, psnr=psnr))})
+    document.write_text(
+        "<!-- presets on the processor -->\n<!-- end of presets on the processor -->\n", encoding="utf-8"
+    )
+    # Without --measured-only, `standard` would be trained on the store room.
+    command = [sys.executable, "-m", "benchmarks.training", "presets", "--sets", "museum_room,store_room"]
+    command += ["--measured-only", "--out", str(tmp_path), "--doc", str(document), "--picture", str(picture)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert "| no-features | 20.00 (21.00) | 20.00 (21.00) |" in (tmp_path / "table.md").read_text(encoding="utf-8")
+    rows = [line for line in document.read_text(encoding="utf-8").splitlines() if "_room" in line]
+    begun = [f"| {name} | `{preset}` | 3,000 | 40,000 | {psnr:.2f} |" for name, preset, psnr in measured]
+    assert len(rows) == len(begun) and all(row.startswith(one) for row, one in zip(rows, begun, strict=True))
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("name", sorted(VARIANTS))

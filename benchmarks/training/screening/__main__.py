@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _prepare(options: argparse.Namespace) -> None:
     from ..running import TrainingBench  # Not on the machine with the GPU: it needs every package of the engine.
 
-    bench = TrainingBench(Path("out/training"), preset="standard", objects=False)
+    bench = TrainingBench(Path("out/training"))
     options.out.mkdir(parents=True, exist_ok=True)
     for photos in [photo_set(name) for name in options.sets.split(",")]:
         cameras = bench.cameras(photos)
