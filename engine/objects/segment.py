@@ -17,6 +17,7 @@ from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, unknown_word
 from .found import MAX_COMMON, FoundObject, is_same, nothing_found
 from .graph import bounded
+from .grounding import PromptCheck
 from .lifting import isolate_object, isolate_proposal, levels_of_each
 from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper
@@ -132,43 +133,18 @@ def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundOb
 
 def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
     """Return the objects that a text names; errors as in `find_objects`."""
-    check, (taught, others) = context.detector.check_prompt(text), context.taught(text)
-    if not check.known and check.misspelt and not len(taught):
-        # Most are answered by the words that are suggested, so that no scene is looked at for them.
-        looked = kept_looks(context.part(0, 2))
-        offered = [] if looked is None else _offered(looked, None, context.part(1, 2))
-        raise UnknownWordError(unknown_word(text, check), offered)
-    looks = load_or_build_looks(context.part(0, 2))
+    check = context.detector.check_prompt(text)
+    taught, others = context.taught(text)
+    looks = _looks_for(check, text, context, is_taught=len(taught) > 0)
     context = context.part(1, 2)
-    if not check.known and not len(taught):
-        raise UnknownWordError(unknown_word(text, check), _offered(looks, None, context))
     context.tell(0.0, f"Looking for {text!r} ({context.detector.name})")
     if len(taught):
         scores = looks.scores_of_examples(taught, others, context.detector, text if check.known else "")
     else:
         with part("comparing with the word"):
             scores = looks.scores(text, context)
-    if not scores.any():
-        raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
     found: list[FoundObject] = []
-    answers = answers_of(looks, scores, context.settings)
-    if not answers:
-        nearest = _LOOKS[likeness(float(scores.max()), SURE_SCORE)]
-        raise NoMatchError(
-            f"Nothing in the photos looks enough like {text!r}: the nearest {nearest}. Use "
-            "another word, or click on the object instead.",
-            _offered(looks, scores, context),
-        )
-    if not len(taught):
-        fitting = [looks.fitting_word(number, text, context) for number, _ in answers]
-        answers = [answer for answer, other in zip(answers, fitting, strict=True) if not other]
-        if not answers:
-            raise NoMatchError(
-                f"What looks most like {text!r} looks more like {fitting[0]!r}. Ask for that, or choose among the "
-                "pictures.",
-                _offered(looks, scores, context),
-                list(dict.fromkeys(fitting)),
-            )
+    answers = _answers(looks, scores, text, context, is_taught=len(taught) > 0)
     for done, (number, score) in enumerate(answers, start=1):
         with part("isolating"):
             object_ = isolate_proposal(context, looks.evidence(number, score, context))
@@ -177,6 +153,45 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
             found.append(object_)
         context.tell(done / len(answers), "Isolating")
     return found
+
+
+def _looks_for(check: PromptCheck, text: str, context: SegmentationContext, *, is_taught: bool) -> Looks:
+    """Return what the proposals of the scene look like; raise `UnknownWordError` for a text that nothing can answer."""
+    if check.known or is_taught:
+        return load_or_build_looks(context.part(0, 2))
+    # A misspelt word is answered by suggestions. No scene is looked at for it that was not before.
+    look = kept_looks if check.misspelt else load_or_build_looks
+    looks = look(context.part(0, 2))
+    offered = [] if looks is None else _offered(looks, None, context.part(1, 2))
+    raise UnknownWordError(unknown_word(text, check), offered)
+
+
+def _answers(
+    looks: Looks, scores: Float64, text: str, context: SegmentationContext, *, is_taught: bool
+) -> list[tuple[int, float]]:
+    """Return the proposals that answer a text, with their scores; raise `NoMatchError` if there are none."""
+    if not scores.any():
+        raise NoMatchError(nothing_found(text, context), _offered(looks, None, context))
+    answers = answers_of(looks, scores, context.settings)
+    if not answers:
+        nearest = _LOOKS[likeness(float(scores.max()), SURE_SCORE)]
+        raise NoMatchError(
+            f"Nothing in the photos looks enough like {text!r}: the nearest {nearest}. Use "
+            "another word, or click on the object instead.",
+            _offered(looks, scores, context),
+        )
+    if is_taught:
+        return answers
+    fitting = [looks.fitting_word(number, text, context) for number, _ in answers]
+    accepted = [answer for answer, other in zip(answers, fitting, strict=True) if not other]
+    if not accepted:
+        raise NoMatchError(
+            f"What looks most like {text!r} looks more like {fitting[0]!r}. Ask for that, or choose among the "
+            "pictures.",
+            _offered(looks, scores, context),
+            list(dict.fromkeys(fitting)),
+        )
+    return accepted
 
 
 def _offered(looks: Looks, scores: Float64 | None, context: SegmentationContext) -> list[MaskEvidence]:
