@@ -134,15 +134,17 @@ class _Run:
             self.photos()
         with part("planning"):
             self._plan(wanted)
-        stages = [self.cameras, self.masks, self.training, self.objects, self.report]
-        if later := stages[: len(wanted) - 1]:
-            try:
-                for stage in later:
-                    with part(stage.__name__):
-                        stage()
-            finally:
-                # The finished stages inform the next forecast, also when the others were stopped.
-                update_calibration(self._project, self._runner.computed, *self._planned)
+        later = {
+            "cameras": self.cameras, "masks": self.masks, "training": self.training,
+            "objects": self.objects, "report": self.report,
+        }  # fmt: skip
+        try:
+            for name in wanted[1:]:
+                with part(name):
+                    later[name]()
+        finally:
+            # The finished stages inform the next forecast, also when the others were stopped.
+            update_calibration(self._project, self._runner.computed, *self._planned)
 
     def photos(self) -> None:
         """Read the photos, which are frames if a video was given."""
