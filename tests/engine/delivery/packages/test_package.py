@@ -186,7 +186,7 @@ def test_scene_package_has_its_report_in_every_language(
         (project.path / "report" / name).write_text(text)
     assert call(capsys, "package", project.path, "--scene", "--out", tmp_path / "out").code == 0
     package = tmp_path / "out" / "antikensaal"
-    assert {name: (package / "data" / name).read_text() for name in pages} == pages
+    assert {name: (package / "data" / name).read_text(encoding="utf-8") for name in pages} == pages
     readme = (package / "data" / "README.txt").read_text(encoding="utf-8")
     assert re.search(r"report\.html .*\(English\)", readme) and re.search(r"report_de\.html .*\(Deutsch\)", readme)
     assert verify_package(package).is_intact
