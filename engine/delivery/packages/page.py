@@ -227,7 +227,7 @@ def _record(described: dict[str, Any]) -> Html:
         "identifier": described["identifier"],
     }
     return joined(
-        fill("<dt>{}</dt><dd>{}</dd>", _RECORD_NAMES[key], _lines(value))
+        fill('<dt>{}</dt><dd class="{}">{}</dd>', _RECORD_NAMES[key], key, _lines(value))
         for key, value in rows.items()
         if value is not None
     )

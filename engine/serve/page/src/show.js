@@ -9,7 +9,7 @@ const data = JSON.parse(document.getElementById("data").textContent);
 const language = fittingLanguage(Object.keys(data.languages));
 speak(language, data.languages[language]);
 // What the page has from its start is English.
-for (const element of document.querySelectorAll("header p, h2, dt, th, summary")) setText(element, t(element.textContent));
+for (const element of document.querySelectorAll("header p, h2, dt, dd.unit, th, summary")) setText(element, t(element.textContent));
 const canvas = h("canvas", { tabindex: 0, role: "application", "aria-label": t("{} in 3D. {}", data.title, helpText()) });
 const loading = h("p", { class: "loading", role: "status" }, t("Loading…"));
 let viewer = null;
