@@ -275,8 +275,10 @@ class _TrainingRun:
             if self.should_stop():
                 raise Cancelled(CANCELLED_MESSAGE)
             self._advance(end)
-            message = f"step {state.step} of {self.settings.schedule.steps}, trying view-dependent colours"
-            self._emit_progress(message, self.schedule.done(begun, n_before + state.step - begun))
+            done = self.schedule.done(begun, n_before + state.step - begun)
+            self._emit_progress(
+                f"step {state.step} of {self.settings.schedule.steps}, trying view-dependent colours", done
+            )
         levels = [self.pyramid.level(view, 0) for view in self.schedule.validation]
         measure_trial = exposure_corrected_quality if self.settings.appearance.exposure else measure
         return measure_trial(self._picture, levels).psnr
@@ -352,8 +354,8 @@ class _TrainingRun:
         if self._checkpoint_is_due(now) or finished:
             with part("writing"):
                 self.write_checkpoint()
-        message = f"step {state.step} of {self.settings.schedule.steps}"
-        self._emit_progress(message, self.schedule.done(state.step), finished=finished)
+        done = self.schedule.done(state.step)
+        self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}", done, finished=finished)
 
     def _checkpoint_is_due(self, now: float) -> bool:
         seconds = self.steps.checkpoint_seconds
