@@ -134,6 +134,8 @@ class _Run:
             self.photos()
         with part("planning"):
             self._plan(wanted)
+        if until == STAGES[0]:
+            return
         later = {
             "cameras": self.cameras, "masks": self.masks, "training": self.training,
             "objects": self.objects, "report": self.report,

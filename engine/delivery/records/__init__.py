@@ -24,10 +24,10 @@ __all__ = [
     "describe_unit",
     "dublin_core",
     "dublin_core_xml",
-    "record_summary",
     "iiif_manifest",
     "lido_xml",
     "ply_comments",
+    "record_summary",
     "scene_title",
     "xmp_packet",
 ]
