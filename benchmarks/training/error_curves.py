@@ -9,6 +9,7 @@ from typing import Any
 
 from engine.training.settings import PRESETS
 
+from .presets_plot import label_axes
 from .screening.jobs import GSPLAT
 
 ERROR_AND_SECONDS = "error and seconds"
@@ -87,12 +88,7 @@ def error_plot(results: Sequence[dict[str, Any]]) -> bytes:
             axes.plot(
                 *zip(*points, strict=True), style, color=colors[device], linewidth=0.9, markersize=5, label=device
             )
-        axes.set_title(f"{name}, test PSNR in dB", fontsize=9, loc="left")
-        axes.set_xlabel("wall seconds of training", fontsize=8)
-        axes.set_xscale("log")
-        axes.grid(alpha=0.25, linewidth=0.6)
-        axes.tick_params(labelsize=8)
-        axes.spines[["top", "right"]].set_visible(False)
+        label_axes(axes, name, "wall seconds of training")
         axes.legend(fontsize=8, frameon=False, loc="lower right")
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=100, metadata={"Software": None})

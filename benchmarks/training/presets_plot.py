@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 from .reference import GSPLAT
 from .table import Results
@@ -30,15 +31,20 @@ def presets_plot(results: Results) -> bytes:
             axes.plot(found[0].cpu_seconds, found[0].psnr, "o", color=colors[preset], markersize=5)
         if name in GSPLAT:
             axes.axhline(GSPLAT[name], color="0.4", linestyle="--", linewidth=0.9, label="gsplat, 3,000 steps")
-        axes.set_title(f"{name}, test PSNR in dB", fontsize=9, loc="left")
-        axes.set_xlabel("CPU seconds of training", fontsize=8)
-        axes.set_xscale("log")
-        axes.grid(alpha=0.25, linewidth=0.6)
-        axes.tick_params(labelsize=8)
-        axes.spines[["top", "right"]].set_visible(False)
+        label_axes(axes, name, "CPU seconds of training")
         axes.legend(fontsize=7, frameon=False, loc="lower right")
     for axes in parts:
         axes.set_axis_off()
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=80, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def label_axes(axes: Any, name: str, seconds: str) -> None:
+    """Give the part of a photo set its title, and a logarithmic axis of seconds with its label."""
+    axes.set_title(f"{name}, test PSNR in dB", fontsize=9, loc="left")
+    axes.set_xlabel(seconds, fontsize=8)
+    axes.set_xscale("log")
+    axes.grid(alpha=0.25, linewidth=0.6)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
