@@ -34,6 +34,11 @@ def data_folder() -> Path:
     return Path(os.environ["GAUSSIAN_HERITAGE_DATA"])
 
 
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Name bytes by their argument: their content may differ between processes, as the time in a gzip header does."""
+    return argname if isinstance(val, bytes) else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip ``data`` tests where the real photo sets are not at hand, with the reason."""
     folder = os.environ.get("GAUSSIAN_HERITAGE_DATA")
