@@ -11,10 +11,10 @@ import bpy
 from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 
-from ..engine.cameras.settings import FISHEYE
 from ..engine.core.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project.content import default_project_folder
+from ..engine.scene import FISHEYE_LENS
 from ..engine.training.settings import DEFAULT_PRESET, LIGHT_DESCRIPTION, LIGHT_LABEL, PRESET_LIST
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
 from ..gaussian_heritage_addon.panels.preset_choice import PHOTO_SUFFIXES, draw_presets
@@ -183,7 +183,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         arguments += ["--cameras", bpy.path.abspath(self.cameras)] if self.cameras else []
         arguments += ["--photo-masks", bpy.path.abspath(self.masks)] if self.masks else []
         arguments += ["--mask-background"] if self.mask_background else []
-        arguments += ["--lens", FISHEYE] if self.fisheye else []
+        arguments += ["--lens", FISHEYE_LENS] if self.fisheye else []
         return start_job(self, "reconstruct", project, *arguments)
 
 

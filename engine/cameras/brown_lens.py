@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.arrays import Float64
-from ..scene import MAX_LENS_PARAMETER, Lens
+from ..scene import FISHEYE_LENS, MAX_LENS_PARAMETER, Lens
 
 _TOLERANCE = 2.5e-4
 """Largest error of a lens that COLMAP's models represent approximately, relative to the longest side: one pixel in
@@ -57,7 +57,7 @@ class BrownLens:
         p1, p2 = self.tangential
         if self.fisheye:
             if not (p1 or p2):
-                return Lens("OPENCV_FISHEYE", self.width, self.height, (*pinhole, k1, k2, k3, k4))
+                return Lens(FISHEYE_LENS, self.width, self.height, (*pinhole, k1, k2, k3, k4))
             return Lens("THIN_PRISM_FISHEYE", self.width, self.height, (*pinhole, k1, k2, p2, p1, k3, k4, 0.0, 0.0))
         if not any((*self.radial, p1, p2)):
             return Lens("PINHOLE", self.width, self.height, pinhole)

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..scene import CameraHealth
+from ..scene import FISHEYE_LENS, CameraHealth
 from .evidence import BETTER, MUCH_BETTER, Evidence, PairFit
 from .feature_scales import SIZES_DIFFER
-from .settings import FISHEYE
 
 _DEPARTURE = 0.03
 """Departure of an aspect (as a logarithm) or of a principal point (in sides of the photo) that counts: 3 %."""
@@ -166,7 +165,7 @@ def _of_pictures(evidence: Evidence) -> CameraHealth | None:
         "cropped": "The photos fit their cameras only when the lens looks beside the middle of the picture, so "
         "positions are wrong: use the photos before they were cropped.",
         "fisheye": "The photos fit fisheye lenses much better than the lens model used, so positions are wrong: choose "
-        f"a fisheye lens (--lens {FISHEYE}).",
+        f"a fisheye lens (--lens {FISHEYE_LENS}).",
     }
     return CameraHealth("red", cause, sentences[cause])
 

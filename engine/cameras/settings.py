@@ -12,8 +12,6 @@ CameraModel = Literal[
     "RADIAL_FISHEYE", "OPENCV_FISHEYE", "THIN_PRISM_FISHEYE",
 ]  # fmt: skip
 
-FISHEYE: CameraModel = "OPENCV_FISHEYE"
-"""Lens model of fisheye lenses, as of action cameras."""
 FEWEST_PHOTOS = 3
 """Photos without which there is no scene: two do not tell a wrong match from a right one."""
 

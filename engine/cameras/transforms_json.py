@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ..core.errors import CameraError, FormatError
 from ..core.files import optional, path_within, read_json
-from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens, Photo
+from ..scene import FISHEYE_LENS, MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens, Photo
 from .orientation import GivenCamera
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
-_FISHEYE = ("OPENCV_FISHEYE", "FISHEYE")
+_FISHEYE = (FISHEYE_LENS, "FISHEYE")
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 _NUMBERS = (
     *("fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x", "camera_angle_y"),
@@ -147,7 +147,7 @@ def _lens(values: dict[str, Any], width: int, height: int) -> Lens:
         raise ValueError("its focal lengths must be positive and all lens values finite")
     model = str(values.get("camera_model", "OPENCV")).upper()
     if model in _FISHEYE or values.get("is_fisheye"):
-        return Lens("OPENCV_FISHEYE", width, height, (*pinhole, k1, k2, k3, k4))
+        return Lens(FISHEYE_LENS, width, height, (*pinhole, k1, k2, k3, k4))
     if model not in _PERSPECTIVE:
         raise ValueError(f"the camera model {model} is not supported")
     if k4:

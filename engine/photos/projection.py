@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..core.arrays import Float32
+from ..scene import FISHEYE_LENS
 from .exif import without_pillow_warnings
 
 Circle = tuple[float, float, float]
@@ -28,9 +29,9 @@ _TWO_CIRCLES = (
     "it into ordinary views."
 )
 _SCREENSHOT = "It is a screenshot. Use the photo that it shows instead."
-FISHEYE = (
+FISHEYE_PICTURE = (
     "It is a fisheye picture, round with black corners, which the usual lens model does not describe. Choose a fisheye "
-    "lens (--lens OPENCV_FISHEYE), or turn it into an ordinary view first."
+    f"lens (--lens {FISHEYE_LENS}), or turn it into an ordinary view first."
 )
 
 _PROJECTION = re.compile(rb"GPano:ProjectionType\s*(?:=\s*[\"']|>)\s*(\w+)", re.IGNORECASE)

@@ -29,7 +29,7 @@ from .mask_pictures import masks_among, summary_of_masks
 from .names import problem_of_name, require_utf8_folder
 from .photo_masks import with_masks
 from .pixels import open_photo, read_header, upright_strips
-from .projection import FISHEYE, Circle, circle_of, fisheye_photos, unusual_picture
+from .projection import FISHEYE_PICTURE, Circle, circle_of, fisheye_photos, unusual_picture
 from .settings import PhotoSettings
 from .skipped_folders import is_skipped_folder
 
@@ -391,7 +391,7 @@ def _without_fisheye(decoded: list[_DecodedPhoto]) -> _Selection:
     focals = [None if one.focal_px is None else one.focal_px / min(one.width, one.height) for one in photos]
     round_ones = fisheye_photos([entry.circle for entry in decoded], focals)
     names = {photo.name for photo, is_round in zip(photos, round_ones, strict=True) if is_round}
-    return _split(decoded, lambda entry: FISHEYE if entry.photo.name in names else None)
+    return _split(decoded, lambda entry: FISHEYE_PICTURE if entry.photo.name in names else None)
 
 
 def _without_blurred(decoded: list[_DecodedPhoto], settings: PhotoSettings) -> _Selection:

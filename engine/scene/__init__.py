@@ -12,7 +12,7 @@ from .detailed import Detailed, load_detailed, read_detailed, save_detailed
 from .extents import box_of, far_gaussians, foot_of
 from .framing import looked_at
 from .gaussians import FEATURE_DIM, Gaussians
-from .lens import MAX_LENS_PARAMETER, focal_and_center, is_fisheye, lens_pixels, photo_pixels
+from .lens import FISHEYE_LENS, MAX_LENS_PARAMETER, focal_and_center, is_fisheye, lens_pixels, photo_pixels
 from .measurement import ExportFrame, MeasuredDistance, Measurement, Point, export_frame, measurement_problem
 from .measurement_storage import delete_measurement, load_measurement, save_measurement
 from .mesh import Mesh

@@ -18,6 +18,7 @@ import functools
 import math
 import reprlib
 from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -31,6 +32,8 @@ _TURNING_POINT_ANGLES = 65
 """Angles around the optical axis at which the turning point is searched; it is interpolated between them."""
 _TURNING_POINT_STEPS = np.linspace(0.0, 89.0, 891)
 """Degrees off the optical axis at which the search tests the lens model."""
+FISHEYE_LENS: Final = "OPENCV_FISHEYE"
+"""COLMAP's lens model for fisheye lenses, as of action cameras."""
 MAX_LENS_PARAMETER = 1e9
 """Largest absolute parameter of a usable lens, and the inverse of the smallest focal length in pixels."""
 
@@ -241,7 +244,7 @@ _MODELS: dict[str, tuple[_Distortion, int]] = {
     "FISHEYE": (_fisheye, 4),
     "SIMPLE_RADIAL_FISHEYE": (_fisheye, 4),
     "RADIAL_FISHEYE": (_fisheye, 5),
-    "OPENCV_FISHEYE": (_fisheye, 8),
+    FISHEYE_LENS: (_fisheye, 8),
     "THIN_PRISM_FISHEYE": (_thin_prism_fisheye, 12),
     "RAD_TAN_THIN_PRISM_FISHEYE": (_rad_tan_thin_prism_fisheye, 16),
     "FOV": (_fov, 5),

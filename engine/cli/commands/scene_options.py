@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from ...cameras.settings import FISHEYE, CameraModel, CameraSettings
+from ...cameras.settings import CameraModel, CameraSettings
 from ...core.errors import SettingsError
 from ...core.words import split_texts
 from ...rasterizer.settings import DeviceName
+from ...scene import FISHEYE_LENS
 from ...training.settings import LIGHT_DESCRIPTION, LIGHT_SHARE, PRESET_LIST
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def add_lens_option(parser: argparse.ArgumentParser) -> None:
         choices=get_args(CameraModel),
         default=CameraSettings().model,
         help="COLMAP's lens model of the photos, where cameras are estimated; the lenses of phones and "
-        f"cameras fit the default, action cameras often need {FISHEYE} (default: %(default)s)",
+        f"cameras fit the default, action cameras often need {FISHEYE_LENS} (default: %(default)s)",
     )
 
 

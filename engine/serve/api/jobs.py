@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from fastapi import APIRouter, HTTPException, Request
 from pydantic import BaseModel, Field
 
-from ...cameras.settings import FISHEYE
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
 from ...project.own_words import read_learning
 from ...project.refused_prompts import read_offer
+from ...scene import FISHEYE_LENS
 from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
 from ...workers.jobs import Click, any_word_arguments, click_arguments, refine_arguments, text_arguments
 from ..access import CurrentProject, CurrentUser, server_of
@@ -116,7 +116,7 @@ def _reconstruction(project: WebProject, wanted: Reconstruction, settings: Serve
     return [
         "reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *_device(settings),
         *(["--mask-background"] if wanted.mask_background else []), *(["--light"] if wanted.light else []),
-        *([f"--lens={FISHEYE}"] if wanted.fisheye else []),
+        *([f"--lens={FISHEYE_LENS}"] if wanted.fisheye else []),
     ]  # fmt: skip
 
 
