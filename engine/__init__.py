@@ -4,7 +4,5 @@ It runs in its own process and its own Python environment (``python -m engine``)
 Data flows one way: photos -> cameras -> masks -> gaussians (training) -> objects (grounding) -> formats.
 """
 
-__all__ = ["__version__"]
-
 __version__ = "0.2.0"
 """The only statement of the version; scripts/build_extension.py writes it into the extension's manifest."""

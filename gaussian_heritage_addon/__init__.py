@@ -10,8 +10,6 @@ from .project import following, object_state, open_projects, pictures, project_h
 from .setup.preferences import user_folder
 from .splats import display_settings, edited_splats, properties, solid_mode, splat_view, view_selection
 
-__all__ = ["register", "unregister"]
-
 _CLASSES = [
     *preferences_page.CLASSES,
     *properties.CLASSES,

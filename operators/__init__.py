@@ -10,8 +10,6 @@ from ..gaussian_heritage_addon.blender import guards
 from ..gaussian_heritage_addon.language.translations import translated
 from . import menus, shortcuts
 
-__all__ = ["CLASSES", "register", "unregister"]
-
 _MODULES = [importlib.import_module(f".{found.name}", __name__) for found in pkgutil.iter_modules(__path__)]
 CLASSES = [cls for module in _MODULES for cls in getattr(module, "CLASSES", ())]
 

@@ -26,28 +26,4 @@ if TYPE_CHECKING:
         undistort,
     )
 
-__all__ = [
-    "comparison_work",
-    "SfmWorkspace",
-    "check_given_cameras",
-    "covering_pinhole",
-    "detecting_cores",
-    "detection_bytes",
-    "distort",
-    "estimate_cameras",
-    "files_of_model",
-    "has_points",
-    "is_point_visible",
-    "match_features",
-    "normalised_points",
-    "normalised_viewmat",
-    "original_from_world",
-    "project",
-    "parse_camera_json",
-    "read_camera_json",
-    "read_cameras",
-    "training_pinhole",
-    "undistort",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

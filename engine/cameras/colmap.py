@@ -8,7 +8,5 @@ from __future__ import annotations
 
 from ..core.system import handlers_kept
 
-__all__ = ["pycolmap"]
-
 with handlers_kept():
-    import pycolmap
+    import pycolmap as pycolmap

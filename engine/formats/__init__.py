@@ -25,41 +25,4 @@ if TYPE_CHECKING:
     from .usd_elsewhere import write_usd_elsewhere
     from .usd_reading import read_usd
 
-__all__ = [
-    "ANTIALIASED_NOTE",
-    "DEFAULT_FORMAT",
-    "FORMATS",
-    "READ_SUFFIXES",
-    "SH_C0",
-    "FileFacts",
-    "Format",
-    "PlyFile",
-    "Up",
-    "WritingTools",
-    "file_from_z_up",
-    "format_of",
-    "has_openusd",
-    "kind_of",
-    "logits_of",
-    "moved_far",
-    "read_glb",
-    "read_ksplat",
-    "read_other",
-    "read_ply",
-    "read_ply_file",
-    "read_sog",
-    "read_splat",
-    "read_spz",
-    "read_usd",
-    "transform_gaussians",
-    "write_glb",
-    "write_mesh",
-    "write_ply",
-    "write_scene",
-    "write_sog",
-    "write_spz",
-    "write_usd",
-    "write_usd_elsewhere",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

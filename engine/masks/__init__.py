@@ -17,30 +17,4 @@ if TYPE_CHECKING:
     from .stage import make_masks
     from .storage import label_map_path, read_label_map
 
-__all__ = [
-    "stray",
-    "iou",
-    "holes",
-    "halo",
-    "feature_agreement",
-    "boundary_iou",
-    "Embedding",
-    "EmbeddingFolder",
-    "MasksBeside",
-    "SegmentAnything",
-    "card_encodes",
-    "label_map_path",
-    "load_default_sam",
-    "load_sam",
-    "make_foreground_masks",
-    "make_masks",
-    "make_masks_with_helpers",
-    "box_ious",
-    "mask_box",
-    "mask_iou",
-    "read_label_map",
-    "sam_threads",
-    "suppress_overlapping",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -9,6 +9,4 @@ from ..core.lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .object_mesh import MeshResult, mesh_object
 
-__all__ = ["MeshResult", "mesh_object"]
-
 __getattr__ = lazy_exports(__name__, __file__)

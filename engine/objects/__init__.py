@@ -20,40 +20,4 @@ if TYPE_CHECKING:
     from .segmenter import Segmenter
     from .views import View, Views, erode_mask, spread_cameras
 
-__all__ = [
-    "CANDIDATES",
-    "ClickPrompt",
-    "DetectorFactory",
-    "Looks",
-    "MaskPrompt",
-    "NoMatchError",
-    "Photos",
-    "Point",
-    "Prompt",
-    "SamFactory",
-    "SceneGraph",
-    "SegmentationContext",
-    "Segmenter",
-    "TextPrompt",
-    "View",
-    "Views",
-    "click_masks",
-    "erode_mask",
-    "find_everything",
-    "find_objects",
-    "forget_candidates",
-    "label_maps_of",
-    "load_context",
-    "mask_at",
-    "parse_point",
-    "parse_prompt",
-    "photo_folder_of",
-    "read_part",
-    "DetailPhotos",
-    "DetailResult",
-    "detail_object",
-    "scene_on",
-    "spread_cameras",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

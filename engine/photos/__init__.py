@@ -16,26 +16,4 @@ if TYPE_CHECKING:
     from .reading import file_listing, picture_files, read_photos
     from .video import extract_frames, is_video
 
-__all__ = [
-    "MAX_PIXELS",
-    "SUFFIXES",
-    "VIDEO",
-    "PhotoStatistics",
-    "exif_facts",
-    "extract_frames",
-    "file_listing",
-    "is_video",
-    "kind_of_file",
-    "live_photo_of",
-    "load_pixels",
-    "load_with_valid",
-    "inspect_photos",
-    "mask_files",
-    "picture_files",
-    "read_photo_statistics",
-    "read_photos",
-    "stored_orientation",
-    "with_masks",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

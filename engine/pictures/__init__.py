@@ -12,16 +12,4 @@ if TYPE_CHECKING:
     from .scene import Rendered, Scene
     from .webp import decode_picture, encode_picture
 
-__all__ = [
-    "Rendered",
-    "Scene",
-    "Subject",
-    "decode_picture",
-    "encode_picture",
-    "encode_png",
-    "render_view",
-    "visible_masks",
-    "write_png",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

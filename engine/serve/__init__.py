@@ -14,6 +14,4 @@ if TYPE_CHECKING:
     from .run import run_server
     from .settings import ServeSettings
 
-__all__ = ["Accounts", "Library", "ServeSettings", "certificate_files", "check_server", "run_server"]
-
 __getattr__ = lazy_exports(__name__, __file__)

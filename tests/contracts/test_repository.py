@@ -7,8 +7,6 @@ import re
 import subprocess
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
@@ -47,27 +45,6 @@ def test_modules_of_the_addon_that_scripts_and_benchmarks_name_exist() -> None:
             ):
                 missing.append(f"{file.relative_to(ROOT)}: {name}")
     assert not missing
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_every_package_lists_its_public_names(package: str) -> None:
-    for file in (ROOT / package).rglob("__init__.py"):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        if len(tree.body) == 1:
-            continue  # A folder that only groups others has a docstring alone.
-        names = {
-            target.id
-            for node in tree.body
-            if isinstance(node, ast.Assign)
-            for target in node.targets
-            if isinstance(target, ast.Name)
-        }
-        names |= {
-            node.target.id
-            for node in tree.body
-            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-        }
-        assert "__all__" in names, f"{file.relative_to(ROOT)} lists no __all__"
 
 
 def test_extension_entry_imports_only_inside_register() -> None:

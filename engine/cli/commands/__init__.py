@@ -9,8 +9,6 @@ import importlib
 import importlib.util
 from types import ModuleType
 
-__all__ = ["COMMANDS", "load_command"]
-
 COMMANDS: tuple[str, ...] = (
     "plan", "frames", "reconstruct", "segment", "show-clicks", "vocabulary", "edit", "trash", "measure", "export",
     "package", "verify", "turntable", "render", "report", "models", "doctor", "serve", "batch", "remote",

@@ -12,6 +12,4 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .reading import TEXTS, Language, Translate, languages
 
-__all__ = ["TEXTS", "Language", "Translate", "languages"]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -6,15 +6,3 @@ Standard library only: Blender and the server split prompts as the engine does.
 from .alike import likeness
 from .splitting import join_texts, split_list, split_texts
 from .vocabulary_words import MADE_CLASSES, normalised, similarly_spelt, singulars, word_list
-
-__all__ = [
-    "MADE_CLASSES",
-    "join_texts",
-    "likeness",
-    "normalised",
-    "similarly_spelt",
-    "singulars",
-    "split_list",
-    "split_texts",
-    "word_list",
-]

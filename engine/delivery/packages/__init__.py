@@ -22,23 +22,4 @@ if TYPE_CHECKING:
     from .turntable import FILMS, SHEET, Turn, write_films, write_sheet
     from .verification import verify_package
 
-__all__ = [
-    "FILMS",
-    "SHEET",
-    "Export",
-    "Turn",
-    "divided",
-    "is_viewer_built",
-    "load_export",
-    "mesh_of",
-    "mesh_sentence",
-    "turn_of",
-    "verify_package",
-    "write_export",
-    "write_films",
-    "write_mesh_export",
-    "write_package",
-    "write_sheet",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -14,20 +14,3 @@ from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
 from .lido import lido_xml
 from .paradata import describe_object, describe_scene, scene_title
 from .unit import describe_unit
-
-__all__ = [
-    "EXAMPLE_ADDRESS",
-    "Picture",
-    "crm_json_ld",
-    "describe_object",
-    "describe_scene",
-    "describe_unit",
-    "dublin_core",
-    "dublin_core_xml",
-    "iiif_manifest",
-    "lido_xml",
-    "ply_comments",
-    "record_summary",
-    "scene_title",
-    "xmp_packet",
-]

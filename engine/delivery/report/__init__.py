@@ -14,18 +14,4 @@ if TYPE_CHECKING:
     from .style import STYLE
     from .views import PAPER_WHITE, best_seen_from, orbit_cameras
 
-__all__ = [
-    "PAPER_WHITE",
-    "STYLE",
-    "Html",
-    "best_seen_from",
-    "build_report",
-    "compare_curves",
-    "fill",
-    "joined",
-    "orbit_cameras",
-    "picture_sheet",
-    "render_alone",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -18,21 +18,4 @@ if TYPE_CHECKING:
     from .pythons import find_python, usable
     from .torch_builds import TorchSource, default_build, torch_source
 
-__all__ = [
-    "CONTENTS",
-    "EngineEnvironment",
-    "Pip",
-    "TorchSource",
-    "default_build",
-    "default_folder",
-    "find_python",
-    "locked_arguments",
-    "locked_file",
-    "pinned",
-    "run_logged",
-    "sizes",
-    "torch_source",
-    "usable",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -16,24 +16,4 @@ if TYPE_CHECKING:
     from .packages import folder_contains
     from .processor import multiplies_bfloat16, one_thread
 
-__all__ = [
-    "ANY_WORD_MODEL",
-    "CATALOGUE",
-    "ModelFile",
-    "Session",
-    "fetch",
-    "fetch_model",
-    "find_model_file",
-    "find_model_files",
-    "folder_contains",
-    "gpu_provider_is_installed",
-    "locate",
-    "models_folder",
-    "multiplies_bfloat16",
-    "one_thread",
-    "open_gpu_session",
-    "open_session",
-    "read_onnx_weights",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -10,14 +10,4 @@ if TYPE_CHECKING:
     from .default import WORD_MODELS, load_default_detector, load_detector, offered_model, stored_describers
     from .detector import Detector, PromptCheck
 
-__all__ = [
-    "WORD_MODELS",
-    "Detector",
-    "PromptCheck",
-    "load_default_detector",
-    "load_detector",
-    "offered_model",
-    "stored_describers",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -26,32 +26,4 @@ if TYPE_CHECKING:
     from .plan_text import format_plan, format_presets
     from .planned_work import PlannedWork, plan_and_forecast, plan_presets, store_forecast
 
-__all__ = [
-    "Calibration",
-    "PlannedWork",
-    "PlanSettings",
-    "ScenePlan",
-    "WorkPlan",
-    "calibrate",
-    "choose_sizes",
-    "forecast_as_dict",
-    "forecast_work",
-    "format_plan",
-    "format_presets",
-    "kept_sizes",
-    "plan_and_forecast",
-    "plan_presets",
-    "choose_photos",
-    "plan_scene",
-    "plan_work",
-    "planned_device",
-    "record_sizes",
-    "require_enough_memory",
-    "store_forecast",
-    "training_is_to_come",
-    "training_settings",
-    "update_calibration",
-    "work_plan_as_dict",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

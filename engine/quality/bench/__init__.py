@@ -10,6 +10,4 @@ if TYPE_CHECKING:
     from .comparison import compare, savings
     from .table import markdown, write_comparison
 
-__all__ = ["compare", "markdown", "savings", "write_comparison"]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -15,19 +15,4 @@ if TYPE_CHECKING:
     from .results_file import write_results
     from .table import INTRODUCTION, MEANINGS, markdown, write_evaluation
 
-__all__ = [
-    "GroundTruth",
-    "INTRODUCTION",
-    "MEANINGS",
-    "evaluate_outlines",
-    "evaluate_project",
-    "markdown",
-    "mean_of",
-    "outline_table",
-    "read_ground_truth",
-    "write_evaluation",
-    "write_results",
-    "write_section",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

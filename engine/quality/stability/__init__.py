@@ -9,6 +9,4 @@ from ...core.lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .table import run_cases, select_cases, suite_markdown, write_table
 
-__all__ = ["run_cases", "select_cases", "suite_markdown", "write_table"]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -24,40 +24,4 @@ if TYPE_CHECKING:
     from .tested import forget_passes, keep_pass, passed_before, passed_elsewhere
     from .workspace import PLACES, STORAGE, Workspace
 
-__all__ = [
-    "BLOCK",
-    "PLACES",
-    "RENDERING",
-    "STORAGE",
-    "Dispatch",
-    "Frame",
-    "FrameSize",
-    "Gpu",
-    "GpuScene",
-    "Sources",
-    "Submissions",
-    "Timings",
-    "Uniform",
-    "Workspace",
-    "camera_values",
-    "describe_adapters",
-    "encode",
-    "forget_passes",
-    "grown_capacity",
-    "keep_pass",
-    "open_adapter",
-    "open_gpu",
-    "pack_sh",
-    "passed_before",
-    "passed_elsewhere",
-    "rasterize_gpu",
-    "run_together",
-    "sh_bytes",
-    "sh_ranges",
-    "translate_card_errors",
-    "unpack_sh",
-    "wait_until_done",
-    "with_room",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

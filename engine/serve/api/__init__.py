@@ -8,9 +8,6 @@ from fastapi import APIRouter
 
 from . import jobs, objects, photos, projects, sessions, trash, uploads, views
 
-__all__ = ["api_router"]
-
-
 _STATUS = {
     400: "The request makes no sense.",
     401: "Nobody is signed in.",

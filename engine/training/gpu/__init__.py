@@ -19,16 +19,4 @@ if TYPE_CHECKING:
     from .trainer import GpuTrainer
     from .training_frame import Dropout, PositionNoise
 
-__all__ = [
-    "Dropout",
-    "GpuDetailSteps",
-    "GpuParameters",
-    "GpuSteps",
-    "GpuTrainer",
-    "PositionNoise",
-    "StepLimits",
-    "StepPlan",
-    "StepSettings",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

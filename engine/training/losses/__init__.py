@@ -36,32 +36,4 @@ if TYPE_CHECKING:
     from .rays import ray_disagreement
     from .samples import CardLoss, Sample
 
-__all__ = [
-    "LAMBDA_PULL",
-    "LAMBDA_PUSH",
-    "N_ANCHORS",
-    "N_FAR",
-    "N_FAR_CANDIDATES",
-    "N_NEIGHBOURS",
-    "CardLoss",
-    "ClusteringSample",
-    "GpuExposures",
-    "LabelledPixels",
-    "NeighbourSample",
-    "PaperSample",
-    "Sample",
-    "Target",
-    "clustering_loss",
-    "drawn_anchors",
-    "drawn_of_paper",
-    "drawn_pixels",
-    "labelled_pixels",
-    "nearest_neighbours",
-    "neighbour_regulariser",
-    "paper_regulariser",
-    "photometric_loss",
-    "ray_disagreement",
-    "ssim",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -13,15 +13,4 @@ if TYPE_CHECKING:
     from .settings import BatchSettings
     from .summary import summary_as_dict, summary_page, summary_text
 
-__all__ = [
-    "BatchResult",
-    "BatchSettings",
-    "FolderState",
-    "run_batch",
-    "run_remote_job",
-    "summary_as_dict",
-    "summary_page",
-    "summary_text",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)

@@ -21,26 +21,4 @@ if TYPE_CHECKING:
     from .time_left import seconds_left_in_all
     from .waiting import WaitingJob, WaitingJobs
 
-__all__ = [
-    "Click",
-    "ClickAnswer",
-    "ClickPreview",
-    "EngineRun",
-    "Job",
-    "JobState",
-    "WaitingJob",
-    "WaitingJobs",
-    "any_word_arguments",
-    "click_arguments",
-    "click_question",
-    "format_seconds",
-    "name_arguments",
-    "pack_mask",
-    "read_question",
-    "refine_arguments",
-    "run_as_child",
-    "seconds_left_in_all",
-    "text_arguments",
-]
-
 __getattr__ = lazy_exports(__name__, __file__)
