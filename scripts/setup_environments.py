@@ -38,10 +38,13 @@ ENGINE_REQUIREMENTS = ROOT / "engine" / "install" / "environment"
 REQUIREMENTS = ROOT / "requirements"
 STAMP = "gaussian_heritage_setup.json"
 MIN_FREE_GB = {"cpu": 6.0, "cuda": 14.0}
-"""Free disk space required, by build of torch. Environments and model files take 4.5 GB, a CUDA build of torch takes
-5 GB more, and pip needs space to unpack."""
+"""Free disk space required with one Blender, by build of torch. Environments and model files take 4.5 GB, a CUDA build
+of torch takes 5 GB more, and pip needs space to unpack."""
 
-DOWNLOADED_GB = {"cpu": 0.8, "cuda": 3.4}
+FURTHER_BLENDER_GB = 1.1
+"""Disk space of each further Blender."""
+
+DOWNLOADED_GB = {"cpu": 0.9, "cuda": 3.4}
 """What the environment of the engine downloads with its model files, by build of torch; each Blender is 0.4 more."""
 
 BLENDER_LIBRARIES = {
@@ -149,7 +152,7 @@ def make_environments(torch: str) -> None:
     if not pythons:
         print("The environments are ready.", flush=True)
         return
-    check_disk(torch)
+    check_disk(torch, n_blenders=sum(one.name != "engine" for one in pythons))
     check_libraries()
     size = sum(DOWNLOADED_GB[torch] if one.name == "engine" else 0.4 for one in pythons)
     print(f"Up to {size:.1f} GB are downloaded; a set-up that was stopped continues when it is run again.", flush=True)
@@ -237,14 +240,15 @@ def fetch_models() -> None:
         raise SetupProblem("the model files could not be downloaded (see above); run the same command again.")
 
 
-def check_disk(torch: str) -> None:
+def check_disk(torch: str, n_blenders: int = 1) -> None:
     """Raise `SetupProblem` when the disk has too little free space."""
+    needed = MIN_FREE_GB[torch] + FURTHER_BLENDER_GB * max(0, n_blenders - 1)
     folder = environment_folder("engine")
     while not folder.exists():
         folder = folder.parent
     free = shutil.disk_usage(folder).free / 1e9
-    if free < MIN_FREE_GB[torch]:
-        raise SetupProblem(f"{folder} has {free:.1f} GB free and set-up needs {MIN_FREE_GB[torch]:.0f} GB; free some.")
+    if free < needed:
+        raise SetupProblem(f"{folder} has {free:.1f} GB free and set-up needs {needed:.0f} GB; free some.")
 
 
 def check_libraries() -> None:

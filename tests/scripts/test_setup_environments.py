@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -70,6 +70,16 @@ def test_all_other_packages_have_hashes(
     locked = [name for environment in setup.ENVIRONMENTS for name in environment.locked]
     assert len(others) == len([name for name in locked if name not in ("torch", "cuda")])
     assert all("--require-hashes" in arguments and "--no-deps" in arguments for arguments in others)
+
+
+def test_each_further_blender_needs_more_free_space(
+    setup: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("GAUSSIAN_HERITAGE_VENVS", str(tmp_path))
+    monkeypatch.setattr(setup.shutil, "disk_usage", lambda _: SimpleNamespace(free=6.5e9))
+    setup.check_disk("cpu", n_blenders=1)
+    with pytest.raises(setup.SetupProblem, match="6.5 GB free and set-up needs 8 GB"):
+        setup.check_disk("cpu", n_blenders=3)
 
 
 @pytest.mark.parametrize("system", ["linux-x86_64", "win32-amd64"])
