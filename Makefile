@@ -24,7 +24,7 @@ EXHIBITS := vase;teapot;obelisk;shield;hourglass;mask;goblet;bell;flowerpot;drum
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-detail bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
+.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms model-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-detail bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
 
 help: ## what can be made
 	@awk 'BEGIN {FS = ":.*## "} /^##@ / {print "\n" substr($$0, 5)} \
@@ -118,6 +118,9 @@ tables: setup ## the other measured tables of docs, each by its own command; GAU
 
 test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason freezes HEAD; 12 minutes per room, resumable
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --doc docs/segmentation.md
+
+model-rooms: setup ## the same method in rooms with 3D models of other people; MODELS=folder of *.sh3f (Debian's sweethome3d-furniture)
+	$(ENGINE) -m benchmarks.rooms run --rooms models --models "$(MODELS)" --doc docs/segmentation.md
 
 choosing-rooms: setup ## the same in the choosing rooms alone, then keep them in demo/random_rooms/choosing
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --rooms choosing --doc docs/segmentation.md

@@ -65,7 +65,12 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="measure the rooms that have no result yet; a killed run is continued")
     run.add_argument("--draw", metavar="REASON", help="freeze the present commit and draw its test rooms")
     run.add_argument("--commit", help="measure the draw of this commit (default: the last draw)")
-    run.add_argument("--rooms", choices=("choosing", "test", "all"), default="all", help="(default: %(default)s)")
+    run.add_argument(
+        "--rooms", choices=("choosing", "test", "all", "models"), default="all", help="(default: %(default)s)"
+    )
+    run.add_argument(
+        "--models", type=Path, metavar="FOLDER", help="with --rooms models: of *.sh3f files, see demo/random_rooms"
+    )
     run.add_argument("--only", metavar="ROOM", help="only this room, e.g. room_3")
     run.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the tables into this file")
     run.set_defaults(run=_run)
@@ -108,7 +113,7 @@ def _run(options: argparse.Namespace) -> None:
     frozen = draw_now(repository, options.draw) if options.draw is not None else _draw_of(repository, options.commit)
     draws = read_draws(ROOT)
     rooms = _chosen(rooms_of(frozen, options.rooms), options.only)
-    _measuring_run(repository).measure([frozen.commit], rooms)
+    _measuring_run(repository, options.models).measure([frozen.commit], rooms)
     _show(draws, options.doc)
 
 
@@ -116,8 +121,8 @@ def _render(options: argparse.Namespace) -> None:
     _measuring_run(Repository(ROOT)).render([room for room in CHOOSING_ROOMS if room.name in options.rooms])
 
 
-def _measuring_run(repository: Repository) -> MeasuringRun:
-    return MeasuringRun(repository, blender=str(python_of("blender-4.5")), engine=sys.executable)
+def _measuring_run(repository: Repository, models: Path | None = None) -> MeasuringRun:
+    return MeasuringRun(repository, blender=str(python_of("blender-4.5")), engine=sys.executable, models=models)
 
 
 def _table(options: argparse.Namespace) -> None:

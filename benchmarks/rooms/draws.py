@@ -41,11 +41,14 @@ class Room:
     seed : int
     is_test : bool
         Whether it is a test room, whose seed was not known before the method was frozen.
+    of_models : bool
+        Whether its exhibits are 3D models of other people, not of our own catalogue.
     """
 
     name: str
     seed: int
     is_test: bool = False
+    of_models: bool = False
 
 
 CHOOSING_ROOMS = tuple(Room(f"room_{number}", number) for number in range(1, N_CHOOSING_ROOMS + 1))
@@ -74,16 +77,24 @@ class Draw:
     @property
     def test_rooms(self) -> tuple[Room, ...]:
         """The test rooms of this draw."""
-        names = (f"test_{self.commit[:SHORT_COMMIT]}_{number}" for number in range(1, len(self.seeds) + 1))
-        return tuple(Room(name, seed, is_test=True) for name, seed in zip(names, self.seeds, strict=True))
+        return self._rooms("test", self.seeds, of_models=False)
+
+    @property
+    def model_rooms(self) -> tuple[Room, ...]:
+        """Further test rooms, whose exhibits are 3D models of other people."""
+        return self._rooms("models", test_seeds(self.commit, "model room"), of_models=True)
+
+    def _rooms(self, word: str, seeds: Sequence[int], *, of_models: bool) -> tuple[Room, ...]:
+        names = (f"{word}_{self.commit[:SHORT_COMMIT]}_{number}" for number in range(1, len(seeds) + 1))
+        return tuple(Room(name, seed, True, of_models) for name, seed in zip(names, seeds, strict=True))
 
 
-def test_seeds(commit: str) -> tuple[int, ...]:
+def test_seeds(commit: str, what: str = "test room") -> tuple[int, ...]:
     """Return the seeds of the test rooms of a commit, given by its full hash.
 
     Notes
     -----
-    Seed i, from 1 to 5, is the number that the first 8 hexadecimal digits of the SHA-256 of ``"<hash> test room <i>"``
+    Seed i, from 1 to 5, is the number that the first 8 hexadecimal digits of the SHA-256 of ``"<hash> <what> <i>"``
     make. A seed of a choosing room is skipped: further i are taken until there are five.
     """
     taken = {room.seed for room in CHOOSING_ROOMS}
@@ -91,7 +102,7 @@ def test_seeds(commit: str) -> tuple[int, ...]:
     number = 0
     while len(seeds) < N_TEST_ROOMS:
         number += 1
-        seed = int(hashlib.sha256(f"{commit} test room {number}".encode()).hexdigest()[:_SEED_DIGITS], 16)
+        seed = int(hashlib.sha256(f"{commit} {what} {number}".encode()).hexdigest()[:_SEED_DIGITS], 16)
         if seed not in taken:
             seeds.append(seed)
     return tuple(seeds)
@@ -101,7 +112,9 @@ test_seeds.__test__ = False  # type: ignore[attr-defined]  # pytest takes every 
 
 
 def rooms_of(draw: Draw, which: str) -> tuple[Room, ...]:
-    """Return the rooms that a draw is measured in: ``which`` is ``choosing``, ``test`` or ``all``."""
+    """Return the rooms that a draw is measured in: ``choosing``, ``test``, both by ``all``, or ``models``."""
+    if which == "models":
+        return draw.model_rooms
     choosing = CHOOSING_ROOMS if which in ("choosing", "all") else ()
     return (*choosing, *(draw.test_rooms if which in ("test", "all") else ()))
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from engine.core.errors import EnvironmentProblem, HeritageError
+from engine.core.errors import EnvironmentProblem, HeritageError, SettingsError
 from engine.core.files import file_sha256, read_json, write_json
 from engine.core.system import cpu_seconds
 
@@ -120,6 +120,8 @@ class MeasuringRun:
         Runs commands.
     say : callable
         Shows a line of progress.
+    models : Path or None
+        Folder of the 3D models that rooms with `Room.of_models` show.
     """
 
     repository: Repository
@@ -127,6 +129,7 @@ class MeasuringRun:
     engine: str
     call: Call = run_command
     say: Callable[[str], None] = _print
+    models: Path | None = None
     _begin: float = field(default_factory=time.monotonic)
 
     def measure(self, commits: Sequence[str], rooms: Sequence[Room]) -> list[dict[str, Any]]:
@@ -197,6 +200,8 @@ class MeasuringRun:
             wall, cpu = time.perf_counter(), cpu_seconds()
             script = self.repository.root / "demo" / "random_rooms" / "make_photos.py"
             command = [self.blender, str(script), "--seed", str(room.seed), "--out", str(folder)]
+            if room.of_models:
+                command += ["--models", str(self._models_of(room))]
             self.call(command, folder=self.repository.root, log=self._out / f"{room.name}.log")
             if not is_rendered(folder):
                 raise HeritageError(f"{folder} lacks photos or masks after it was rendered. Delete it, then run again.")
@@ -206,6 +211,14 @@ class MeasuringRun:
             return None
         found: dict[str, Any] = read_json(noted, _TIME, advice="Delete it, then run again.")
         return found
+
+    def _models_of(self, room: Room) -> Path:
+        if self.models is None:
+            raise SettingsError(
+                f"{room.name} shows 3D models of other people. Name the folder with --models: Debian's package "
+                "sweethome3d-furniture has them in usr/share/sweethome3d/furniture."
+            )
+        return self.models.resolve()
 
     @property
     def _out(self) -> Path:

@@ -17,7 +17,7 @@ from .results import METHODS, Figures, figures_of, read_result
 
 _ROOMS_TITLE, _DRAWS_TITLE = "Random rooms", "Random rooms: every draw"
 
-_CHOOSING, _TEST = "choosing (*in sample*)", "test (*test*)"
+_CHOOSING, _TEST, _MODELS = "choosing (*in sample*)", "test (*test*)", "of models (*test*)"
 _MASK = (("mIoU", "iou"), ("mBIoU", "boundary_iou"), ("whole %", "whole"))
 _WORD = (
     ("found %", "words_found"),
@@ -36,7 +36,7 @@ Means over the rooms ± standard error over the rooms. A room has 24 photos of 4
 with the preset `standard`; the rooms of the draws up to 68546ccc had at most 15,000 instead of 40,000 Gaussians, a
 setting that no user can choose. Photos that training never saw are compared. The choosing rooms are *in sample*:
 settings may be chosen on them. The seeds of the test rooms follow from the hash of the commit that froze the method, so
-nothing was chosen on them.
+nothing was chosen on them. Exhibits of rooms *of models* are 3D models of other people (`make model-rooms`).
 
 - By mask: as in the sections above. Whole: with an IoU of at least 0.85.
 - By word: a word is found when the IoU of its object is at least 0.5, and whole from 0.85 on. The mean IoU is over all
@@ -100,7 +100,7 @@ def rooms_section(repository: Path, draws: Sequence[Draw]) -> str:
     measured = []
     for draw in draws:
         version = _Version(f"{draw.reason} {draw.commit[:SHORT_COMMIT]}", draw.commit)
-        for kind, rooms in ((_CHOOSING, CHOOSING_ROOMS), (_TEST, draw.test_rooms)):
+        for kind, rooms in ((_CHOOSING, CHOOSING_ROOMS), (_TEST, draw.test_rooms), (_MODELS, draw.model_rooms)):
             one = _Measured(version, kind, {room: read_result(repository, draw.commit, room.name) for room in rooms})
             if len(one.missing) < len(one.results):
                 measured.append(one)

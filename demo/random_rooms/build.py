@@ -10,8 +10,9 @@ from studio import materials
 from studio.meshes import from_shape
 from studio.stage import SEEN_THROUGH
 
+from .models import read_picture
 from .pictures import paint
-from .stuffs import Glass, Mottled, Painted, Plain, Stuff
+from .stuffs import Glass, Mottled, Painted, Pictured, Plain, Stuff
 from .things import Thing
 
 
@@ -65,6 +66,8 @@ def _material(stuff: Stuff, name: str) -> bpy.types.Material:
         return materials.painted(
             name, picture, stuff.roughness, stuff.metallic, stuff.wear, stuff.wear_scale, stuff.bump
         )
+    if isinstance(stuff, Pictured):
+        return materials.painted(name, read_picture(stuff), stuff.roughness, wear=0.0)
     if isinstance(stuff, Plain):
         return materials.plain(name, stuff.colour, stuff.roughness, stuff.metallic)
     return materials.thin_glass(name, stuff.tint, stuff.veil)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from . import animal_kinds, box_kinds, figure_kinds, round_kinds, thin_kinds, vessel_kinds, wall_kinds
 from .stuffs import Rng
@@ -119,3 +120,31 @@ EVERYDAY = (
     "traffic light",
 )
 """Words for things that no room shows."""
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """What exhibits are drawn from.
+
+    Attributes
+    ----------
+    kinds
+        Kinds of exhibits.
+    everyday
+        Words for things that no room of these kinds shows.
+    holders
+        Names of kinds with a cavity that takes a small exhibit, where nothing that was drawn has one.
+    """
+
+    kinds: tuple[Kind, ...]
+    everyday: tuple[str, ...]
+    holders: tuple[str, ...] = ()
+
+    @cached_property
+    def kind_of(self) -> dict[str, Kind]:
+        """The kinds by their names."""
+        return {kind.name: kind for kind in self.kinds}
+
+
+OWN = Catalogue(KINDS, EVERYDAY, ("bowl", "bucket", "crate", "basket"))
+"""The kinds that this folder draws."""

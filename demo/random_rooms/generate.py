@@ -17,7 +17,10 @@ from studio.views import useful_order
 import bpy  # isort: skip
 
 from .build import Workshop
+from .catalogue import OWN, Catalogue
 from .colmap_text import model_files
+from .model_kinds import model_catalogue
+from .models import ModelError
 from .outputs import ROOM_FILE, OtherRoomError, accepted_attempt, is_complete
 from .plan import (
     ATTEMPTS_PER_SET,
@@ -42,6 +45,11 @@ def main(description: str | None) -> int:
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seed", type=int, required=True, help="what the room is drawn from; not negative")
     parser.add_argument("--out", type=Path, required=True, help="folder for photos/, truth/ and cameras/")
+    parser.add_argument(
+        "--models",
+        type=Path,
+        help="folder of *.sh3f files of Sweet Home 3D, whose models are the exhibits; see README.md",
+    )
     parser.add_argument("--scale", type=int, default=1, help="times the size of the photos (default: 1)")
     arguments = parser.parse_args()
     if arguments.seed < 0:
@@ -49,13 +57,14 @@ def main(description: str | None) -> int:
     if arguments.scale < 1:
         parser.error(f"--scale must be at least 1, got {arguments.scale}")
     try:
-        make_room(arguments.seed, arguments.out, PHONE.scaled(arguments.scale))
-    except (OtherRoomError, RoomError) as error:
+        catalogue = OWN if arguments.models is None else model_catalogue(arguments.models)
+        make_room(arguments.seed, arguments.out, PHONE.scaled(arguments.scale), catalogue)
+    except (ModelError, OtherRoomError, RoomError) as error:
         parser.error(str(error))
     return 0
 
 
-def make_room(seed: int, out: Path, phone: Phone) -> None:
+def make_room(seed: int, out: Path, phone: Phone, catalogue: Catalogue) -> None:
     """Create the missing files of a room. Which layout is accepted does not depend on the size of its photos.
 
     Raises
@@ -65,9 +74,10 @@ def make_room(seed: int, out: Path, phone: Phone) -> None:
     RoomError
         When no room was found for the seed.
     """
-    attempt = accepted_attempt(out, seed)
+    family = "own" if catalogue is OWN else "models"
+    attempt = accepted_attempt(out, seed, family)
     photos, masks = shoot.prepare_folders(out)
-    plan, ids = (draw_room(seed, attempt), None) if attempt is not None else _accepted(seed)
+    plan, ids = (draw_room(seed, attempt, catalogue), None) if attempt is not None else _accepted(seed, catalogue)
     truth = out / "truth"
     try:
         shoot.write_truth(plan.views, plan.named(), phone, truth)
@@ -80,7 +90,7 @@ def make_room(seed: int, out: Path, phone: Phone) -> None:
     (out / "cameras").mkdir(exist_ok=True)
     for name, text in model_files(plan.views, phone).items():
         shoot.write_text(out / "cameras" / name, text)
-    shoot.write_json(truth / ROOM_FILE, {"seed": seed, "attempt": plan.attempt})
+    shoot.write_json(truth / ROOM_FILE, {"seed": seed, "attempt": plan.attempt, "exhibits": family})
     if ids is None or phone != PHONE:
         build(plan, phone)
         with shoot.mask_rendering():
@@ -94,10 +104,10 @@ def make_room(seed: int, out: Path, phone: Phone) -> None:
     _take_photos(plan, photos, phone)
 
 
-def _accepted(seed: int) -> tuple[RoomPlan, dict[str, np.ndarray]]:
+def _accepted(seed: int, catalogue: Catalogue) -> tuple[RoomPlan, dict[str, np.ndarray]]:
     """Return the first plan whose rendered masks show every exhibit often enough, and the masks by view."""
     for attempt in range(ATTEMPTS):
-        plan = draw_room(seed, attempt)
+        plan = draw_room(seed, attempt, catalogue)
         build(plan)
         with shoot.mask_rendering():
             ids = {view.name: shoot.render_ids(view, PHONE) for view in plan.views}

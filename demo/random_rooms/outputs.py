@@ -14,22 +14,31 @@ class OtherRoomError(Exception):
     """A folder holds another room."""
 
 
-def accepted_attempt(out: Path, seed: int) -> int | None:
+def accepted_attempt(out: Path, seed: int, family: str = "own") -> int | None:
     """Return the attempt that a folder holds, None when it holds no room yet.
+
+    Parameters
+    ----------
+    out, seed
+    family
+        Whose exhibits the room shows: "own", or "models" of other people.
 
     Raises
     ------
     OtherRoomError
-        When the folder holds the room of another seed, or a file of that name that was not written here.
+        When the folder holds the room of another seed or of other exhibits, or a file of that name that was not
+        written here.
     """
     known = out / "truth" / ROOM_FILE
     if not known.exists():
         return None
     try:
         room = json.loads(known.read_text(encoding="utf-8"))
-        held, attempt = int(room["seed"]), int(room["attempt"])
-    except (ValueError, KeyError, TypeError) as error:
+        held, attempt, shown = int(room["seed"]), int(room["attempt"]), str(room.get("exhibits", "own"))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise OtherRoomError(f"{known} is damaged; delete {out} or choose another --out.") from error
+    if shown != family:
+        raise OtherRoomError(f"{out} holds a room with exhibits of {shown!r}, not of {family!r}; choose another --out.")
     if held != seed:
         raise OtherRoomError(f"{out} holds the room of seed {held}, not of {seed}; choose another --out.")
     return attempt

@@ -15,7 +15,7 @@ from studio.shapes import quad
 from studio.views import View
 from studio.views import plan as plan_views
 
-from .catalogue import EVERYDAY, KIND_OF, KINDS, Kind
+from .catalogue import OWN, Catalogue, Kind
 from .layout import Dimensions, Exhibit, Layout, NoRoomError, Placed, fits_inside
 from .sight import draw_walks, estimated_pixels, eye_of, is_walkable
 from .stuffs import (
@@ -129,7 +129,7 @@ def generator(seed: int, purpose: str, *numbers: int) -> Rng:
     return np.random.default_rng((seed, zlib.crc32(purpose.encode()), *numbers))
 
 
-def draw_room(seed: int, attempt: int = 0) -> RoomPlan:
+def draw_room(seed: int, attempt: int = 0, catalogue: Catalogue = OWN) -> RoomPlan:
     """Draw a room.
 
     Parameters
@@ -139,6 +139,8 @@ def draw_room(seed: int, attempt: int = 0) -> RoomPlan:
     attempt
         Further places and walks, for when an exhibit is seen too little in rendered masks. After each
         `ATTEMPTS_PER_SET` attempts the exhibits are others, too.
+    catalogue
+        What the exhibits are drawn from.
 
     Raises
     ------
@@ -147,7 +149,7 @@ def draw_room(seed: int, attempt: int = 0) -> RoomPlan:
     """
     first = attempt // ATTEMPTS_PER_SET
     for redraw in range(first, first + _REDRAWS):
-        exhibits = _exhibits(generator(seed, "exhibits", redraw))
+        exhibits = _exhibits(generator(seed, "exhibits", redraw), catalogue)
         style = generator(seed, "style")
         room = _dimensions(style, len(exhibits))
         shell = _shell(style, room)
@@ -157,7 +159,8 @@ def draw_room(seed: int, attempt: int = 0) -> RoomPlan:
             views = plan_views(draw_walks(rng, room), (0.0, 0.0), PHOTOS, new_seed(rng))
             placed = _arranged(rng, room, exhibits, views)
             if placed is not None:
-                return _finished(seed, attempt, room, shell, lamps, sky, views, placed)
+                absent = _absent(generator(seed, "absent", attempt), [one.prompt for one in placed], catalogue)
+                return _finished(seed, attempt, room, shell, lamps, sky, views, placed, absent)
     raise RoomError(
         f"No layout was found for seed {seed}, in {_LAYOUTS} tries with each of {_REDRAWS} sets of exhibits."
     )
@@ -172,10 +175,10 @@ def _finished(
     sky: tuple[str, float],
     views: Sequence[View],
     placed: Sequence[Placed],
+    absent: tuple[str, ...],
 ) -> RoomPlan:
     shown = sorted((one for one in placed if one.exhibit is not None), key=lambda one: one.exhibit or 0)
     furniture = tuple(one for one in placed if one.exhibit is None)
-    absent = _absent(generator(seed, "absent", attempt), [one.prompt for one in placed])
     return RoomPlan(seed, attempt, room, shell, tuple(shown), furniture, lamps, sky, tuple(views), absent)
 
 
@@ -214,25 +217,25 @@ def _dimensions(rng: Rng, exhibits: int) -> Dimensions:
 # ---- exhibits
 
 
-def _exhibits(rng: Rng) -> list[Exhibit]:
+def _exhibits(rng: Rng, catalogue: Catalogue) -> list[Exhibit]:
     """Draw kinds and shapes; some are equal twins, and one may be inside another."""
     count = int(rng.integers(FEWEST, MOST + 1))
     most_of = {"wall": 3, "floor": 2 if count < 11 else 3, "surface": count}
     chosen: list[Kind] = []
-    for k in rng.permutation(len(KINDS)).tolist():
-        kind = KINDS[k]
+    for k in rng.permutation(len(catalogue.kinds)).tolist():
+        kind = catalogue.kinds[k]
         if sum(one.mount == kind.mount for one in chosen) < most_of[kind.mount] and len(chosen) < count:
             chosen.append(kind)
     things = [kind.draw(np.random.default_rng(new_seed(rng))) for kind in chosen]
     inside: dict[int, int] = {}
     holders = [k for k, thing in enumerate(things) if thing.cavity is not None]
-    if not holders and rng.random() < 0.5:
+    if not holders and catalogue.holders and rng.random() < 0.5:
         replaced = _last(chosen, "surface")
-        holder = pick(rng, tuple(kind for kind in KINDS if kind.name in ("bowl", "bucket", "crate", "basket")))
+        holder = pick(rng, tuple(kind for kind in catalogue.kinds if kind.name in catalogue.holders))
         chosen[replaced], things[replaced] = holder, holder.draw(np.random.default_rng(new_seed(rng)))
         holders = [replaced]
     if holders and rng.random() < 0.75:
-        _fill(rng, holders[0], chosen, things, inside)
+        _fill(rng, catalogue, holders[0], chosen, things, inside)
     if rng.random() < 0.5:
         free = [
             k
@@ -255,7 +258,9 @@ def _last(chosen: Sequence[Kind], mount: str) -> int:
     return max(k for k, kind in enumerate(chosen) if kind.mount == mount)
 
 
-def _fill(rng: Rng, holder: int, chosen: list[Kind], things: list[Thing], inside: dict[int, int]) -> None:
+def _fill(
+    rng: Rng, catalogue: Catalogue, holder: int, chosen: list[Kind], things: list[Thing], inside: dict[int, int]
+) -> None:
     """Put a small exhibit into the one with number `holder`; another exhibit becomes one that fits, if need be."""
     small = [
         k for k, kind in enumerate(chosen) if kind.small and k != holder and fits_inside(things[k], things[holder])
@@ -265,7 +270,7 @@ def _fill(rng: Rng, holder: int, chosen: list[Kind], things: list[Thing], inside
         return
     taken = [kind.name for kind in chosen]
     others = [k for k, kind in enumerate(chosen) if kind.mount == "surface" and k != holder]
-    candidates = [kind for kind in KINDS if kind.small and kind.name not in taken]
+    candidates = [kind for kind in catalogue.kinds if kind.small and kind.name not in taken]
     for k in rng.permutation(len(candidates)).tolist():
         for _ in range(4):
             thing = candidates[k].draw(np.random.default_rng(new_seed(rng)))
@@ -275,15 +280,16 @@ def _fill(rng: Rng, holder: int, chosen: list[Kind], things: list[Thing], inside
                 return
 
 
-def _absent(rng: Rng, shown: Sequence[str]) -> tuple[str, ...]:
+def _absent(rng: Rng, shown: Sequence[str], catalogue: Catalogue) -> tuple[str, ...]:
     """Draw words for things that are neither in the room nor like something in it."""
     alike = set(shown)
     for name in shown:
-        if name in KIND_OF:
-            alike.update(KIND_OF[name].like)
-    possible = [kind.name for kind in KINDS if kind.name not in alike and not _is_like_any(kind, shown)]
+        if name in catalogue.kind_of:
+            alike.update(catalogue.kind_of[name].like)
+    possible = [kind.name for kind in catalogue.kinds if kind.name not in alike and not _is_like_any(kind, shown)]
     kinds = [possible[k] for k in rng.permutation(len(possible))[:_ABSENT_KINDS].tolist()]
-    everyday = [EVERYDAY[k] for k in rng.permutation(len(EVERYDAY))[:_ABSENT_EVERYDAY].tolist()]
+    others = [word for word in catalogue.everyday if word not in alike]
+    everyday = [others[k] for k in rng.permutation(len(others))[:_ABSENT_EVERYDAY].tolist()]
     return tuple(kinds + everyday)
 
 

@@ -62,7 +62,16 @@ class Glass:
     hidden: bool = False
 
 
-Stuff = Mottled | Painted | Plain | Glass
+@dataclass(frozen=True)
+class Pictured:
+    """A surface with a picture of a file in a ZIP archive."""
+
+    archive: str
+    entry: str
+    roughness: float = 0.6
+
+
+Stuff = Mottled | Painted | Plain | Glass | Pictured
 
 
 def pick(rng: Rng, values: tuple[Value, ...]) -> Value:

@@ -75,6 +75,14 @@ def test_a_draw_names_its_rooms_after_its_commit() -> None:
     assert rooms_of(draw, "choosing") == CHOOSING_ROOMS
 
 
+def test_a_draw_has_further_rooms_with_models_of_other_people() -> None:
+    draw = Draw(HASHES[0], "", "", test_seeds(HASHES[0]))
+    rooms = rooms_of(draw, "models")
+    assert [room.name for room in rooms] == [f"models_{HASHES[0][:8]}_{n}" for n in range(1, 6)]
+    assert all(room.of_models for room in rooms) and not any(room.of_models for room in rooms_of(draw, "all"))
+    assert not {room.seed for room in rooms} & {room.seed for room in draw.test_rooms}
+
+
 def test_freezing_a_commit_draws_once(repository: Repository) -> None:
     first = draw_now(repository, "baseline")
     assert first == Draw(repository.head(), "baseline", first.date, test_seeds(repository.head()))

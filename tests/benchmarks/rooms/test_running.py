@@ -17,7 +17,7 @@ from benchmarks.rooms.draws import CHOOSING_ROOMS, Room
 from benchmarks.rooms.repository import Repository
 from benchmarks.rooms.results import read_result, result_file
 from benchmarks.rooms.running import MeasuringRun, is_rendered, run_command
-from engine.core.errors import EnvironmentProblem, FormatError, HeritageError, ProjectError
+from engine.core.errors import EnvironmentProblem, FormatError, HeritageError, ProjectError, SettingsError
 
 from .made_up import measured
 from .repositories import commit, make_repository
@@ -102,6 +102,22 @@ def test_rooms_are_rendered_once_for_other_benchmarks(repository: Repository) ->
         MeasuringRun(repository, "blender", "engine", call=programs, say=lambda text: None).render(ROOMS)
     assert programs.calls == ["render 1", "render 2"]
     assert is_rendered(repository.root / "out" / "rooms" / "room_2")
+
+
+def test_rooms_with_models_are_rendered_from_the_folder_that_is_named(repository: Repository, tmp_path: Path) -> None:
+    room = Room("models_1", 9, is_test=True, of_models=True)
+    commands: list[Sequence[str]] = []
+
+    def call(command: Sequence[str], *, folder: Path, log: Path) -> None:
+        commands.append(command)
+        render(Path(command[command.index("--out") + 1]))
+
+    with pytest.raises(SettingsError, match="models_1 shows 3D models of other people. Name the folder with --models"):
+        MeasuringRun(repository, "blender", "engine", call=call, say=lambda text: None).render([room])
+    assert commands == []
+    run = MeasuringRun(repository, "blender", "engine", call=call, say=lambda text: None, models=tmp_path)
+    run.render([room, ROOMS[0]])
+    assert [command[-2:] == ["--models", str(tmp_path)] for command in commands] == [True, False]
 
 
 def test_results_of_another_session_are_not_measured_again(repository: Repository) -> None:

@@ -97,6 +97,14 @@ def test_each_draw_stands_on_its_own_test_rooms(tmp_path: Path) -> None:
     assert "Not measured yet" not in text
 
 
+def test_rooms_with_models_have_rows_of_their_own(tmp_path: Path) -> None:
+    store_all(tmp_path, FIRST, DRAWS[0].test_rooms, iou=0.7)
+    store_all(tmp_path, FIRST, DRAWS[0].model_rooms[:3], iou=0.9)
+    text = rooms_section(tmp_path, DRAWS)
+    assert rows(text, "5 test (*test*)", NAME, "better")[0][0] == "70.0 ± 0.0"
+    assert rows(text, "3 of 5 of models (*test*)", NAME, "better")[0][0] == "90.0 ± 0.0"
+
+
 def test_what_was_not_measured_is_a_dash_and_its_rooms_are_counted(tmp_path: Path) -> None:
     store_all(tmp_path, FIRST, CHOOSING_ROOMS[:2])
     store_all(tmp_path, FIRST, CHOOSING_ROOMS[2:], psnr=None, whole=False)
