@@ -44,13 +44,18 @@ class _LogLines(logging.Handler):
         self._output.write_log(json.dumps(line, ensure_ascii=False))
 
 
+_LINES_PER_STAGE = 10
+"""Lines of progress of a stage where standard error is a file or a pipe, in which a bar would be thousands of lines."""
+
+
 class EventOutput:
     """Prints events and appends them to the log; nothing else prints.
 
     Parameters
     ----------
     json_lines : bool
-        Events on standard output as JSON lines; otherwise a progress bar and sentences on standard error.
+        Events on standard output as JSON lines; otherwise sentences on standard error, and a progress bar if that is a
+        terminal, or a line for every tenth of a stage.
     log : Path or None
         File to which every event is appended once its folder is a project.
     """
@@ -59,6 +64,8 @@ class EventOutput:
         self._json_lines = json_lines
         self._log = log
         self._bar: Any = None
+        self._lines = 0
+        self._metrics: dict[str, float] = {}
         self._handler = _LogLines(self)
         logging.getLogger().addHandler(self._handler)
 
@@ -97,8 +104,9 @@ class EventOutput:
             self._close_bar()
         elif isinstance(event, Progress):
             self._progress(event)
-        elif isinstance(event, Metric) and self._bar is not None:
-            self._bar.set_postfix_str(self._shown(f"{event.name} {event.value:.4g}"))
+        elif isinstance(event, Metric):
+            # Shown with the next progress: alone, several would cover one another.
+            self._metrics[event.name] = event.value
         elif isinstance(event, StageFinished):
             self._close_bar()
             outcome = "unchanged, kept" if event.reused else f"done in {event.seconds:.1f} s"
@@ -116,6 +124,17 @@ class EventOutput:
                 print(printable(visible(event.message, keep="\n\t"), sys.stdout))
 
     def _progress(self, event: Progress) -> None:
+        left = "" if event.seconds_left is None else f"{event.seconds_left:.0f} s left"
+        metrics = (f"{name} {value:,.0f}" if value.is_integer() else f"{name} {value:.4g}"
+                   for name, value in self._metrics.items())  # fmt: skip
+        text = ", ".join(filter(None, (left, event.message, *metrics)))
+        if sys.stderr.isatty():
+            self._move_bar(event, self._shown(text))
+        elif event.fraction * _LINES_PER_STAGE >= self._lines:
+            self._lines = int(event.fraction * _LINES_PER_STAGE) + 1
+            self._print(f"{event.stage} {100 * event.fraction:.0f}%" + (f": {text}" if text else ""))
+
+    def _move_bar(self, event: Progress, text: str) -> None:
         from tqdm import tqdm
 
         if self._bar is None:
@@ -123,13 +142,16 @@ class EventOutput:
                 total=100,
                 desc=self._shown(event.stage),
                 file=sys.stderr,
-                bar_format="{desc:>9} {percentage:3.0f}%|{bar}| {postfix}",
+                unit="",
+                bar_format="{desc:>9} {percentage:3.0f}%|{bar}| {unit}",  # the postfix would begin with a comma
             )
         self._bar.n = round(100 * event.fraction)
-        left = "" if event.seconds_left is None else f"{event.seconds_left:.0f} s left "
-        self._bar.set_postfix_str(self._shown(left + event.message))
+        self._bar.unit = text
+        self._bar.refresh()
 
     def _close_bar(self) -> None:
+        """End the progress of a stage."""
+        self._lines, self._metrics = 0, {}
         if self._bar is not None:
             self._bar.close()
             self._bar = None

@@ -18,11 +18,15 @@ HOSTILE = "\x1b]0;owned\x07\x1b[31mred\r\n\x9b2J\u202egpj.exe\u2066\u2028\udce9"
 
 
 class Stream(io.TextIOWrapper):
-    """A terminal of some encoding."""
+    """A terminal, or a file, of some encoding."""
 
-    def __init__(self, encoding: str) -> None:
+    def __init__(self, encoding: str, *, terminal: bool) -> None:
         self.raw_bytes = io.BytesIO()
+        self.terminal = terminal
         super().__init__(self.raw_bytes, encoding=encoding, errors="strict", write_through=True)
+
+    def isatty(self) -> bool:
+        return self.terminal
 
     @property
     def text(self) -> str:
@@ -35,9 +39,10 @@ def shown(
     encoding: str = "utf-8",
     json_lines: bool = False,
     log: Path | None = None,
+    terminal: bool = False,
 ) -> tuple[str, str]:
     """Return what standard output and standard error show."""
-    output, errors = Stream(encoding), Stream(encoding)
+    output, errors = Stream(encoding, terminal=terminal), Stream(encoding, terminal=terminal)
     monkeypatch.setattr(sys, "stdout", output)
     monkeypatch.setattr(sys, "stderr", errors)
     printer = EventOutput(json_lines=json_lines, log=log)
@@ -61,11 +66,14 @@ def every_event(text: str) -> tuple[Event, ...]:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("terminal", [True, False])
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii", "cp1252", "latin-1"])
-def test_no_event_sends_a_control_character_to_the_terminal(monkeypatch: pytest.MonkeyPatch, encoding: str) -> None:
+def test_no_event_sends_a_control_character_to_the_terminal(
+    monkeypatch: pytest.MonkeyPatch, encoding: str, terminal: bool
+) -> None:
     hostile = HOSTILE.replace("\n", "")
-    plain = "".join(shown(monkeypatch, *every_event("Büste"), encoding=encoding))
-    text = "".join(shown(monkeypatch, *every_event(hostile), encoding=encoding))
+    plain = "".join(shown(monkeypatch, *every_event("Büste"), encoding=encoding, terminal=terminal))
+    text = "".join(shown(monkeypatch, *every_event(hostile), encoding=encoding, terminal=terminal))
     # The progress bar itself moves the cursor with these.
     own = set(plain)
     assert "\x1b[31m" not in text
@@ -104,3 +112,38 @@ def test_a_name_that_is_not_utf_8_is_logged(monkeypatch: pytest.MonkeyPatch, tmp
 def test_lines_of_a_table_stay_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     out, _ = shown(monkeypatch, Finished("a\tb\nc"))
     assert out == "a\tb\nc\n"
+
+
+def steps(n: int) -> list[Event]:
+    """Return the events of a stage of n steps."""
+    events: list[Event] = [StageStarted("training")]
+    for step in range(n + 1):
+        events += [Metric("training", "loss", 0.125), Metric("training", "gaussians", 40_000.0)]
+        events.append(Progress("training", step / n, float(n - step), f"step {step} of {n}"))
+    return [*events, StageFinished("training", 2.0)]
+
+
+def test_a_file_gets_a_line_for_every_tenth_of_a_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, err = shown(monkeypatch, *steps(1000), *steps(3))
+    lines = err.splitlines()
+    assert lines[:2] == [
+        "training 0%: 1000 s left, step 0 of 1000, loss 0.125, gaussians 40,000",
+        "training 10%: 900 s left, step 100 of 1000, loss 0.125, gaussians 40,000",
+    ]
+    assert [line.split(":")[0] for line in lines[:11]] == [f"training {10 * n}%" for n in range(11)]
+    assert lines[11] == lines[-1] == "training: done in 2.0 s"
+    assert [line.split(":")[0] for line in lines[12:-1]] == [
+        "training 0%",
+        "training 33%",
+        "training 67%",
+        "training 100%",
+    ]
+
+
+def test_a_terminal_gets_one_bar_with_all_that_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, err = shown(monkeypatch, *steps(10), terminal=True)
+    drawn = [one.strip() for one in err.split("\r")]
+    assert any(
+        one.endswith("| 5 s left, step 5 of 10, loss 0.125, gaussians 40,000") and "50%|" in one for one in drawn
+    )
+    assert err.count("\n") == 2, "the bar stays on its line, and the sentence of the end has one"
