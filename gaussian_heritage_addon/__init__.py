@@ -5,7 +5,15 @@ import bpy
 from .blender import guards, problems
 from .jobs import job_runner, preset_times
 from .language import translations
-from .panels import panels, preferences_page
+from .panels import (
+    by_hand_panel,
+    curve_panel,
+    display_panel,
+    objects_panel,
+    preferences_page,
+    progress_panel,
+    scene_panel,
+)
 from .project import following, object_state, open_projects, pictures, project_history, ruler_view
 from .setup.preferences import user_folder
 from .splats import display_settings, edited_splats, properties, solid_mode, splat_view, view_selection
@@ -15,7 +23,12 @@ _CLASSES = [
     *properties.CLASSES,
     *object_state.CLASSES,
     *display_settings.CLASSES,
-    *panels.CLASSES,
+    *scene_panel.CLASSES,
+    *objects_panel.CLASSES,
+    *by_hand_panel.CLASSES,
+    *display_panel.CLASSES,
+    *progress_panel.CLASSES,
+    *curve_panel.CLASSES,
 ]
 
 

@@ -140,7 +140,7 @@ def continue_jobs(window: Window) -> None:
     names = f"[job.command[-1] for _, job, _ in {stopped}]"
     count = int(window.python(f"print(len({stopped}))"))
     window.python("bpy.ops.heritage.isolate(prompt='vase')\nbpy.ops.heritage.isolate(prompt='teapot')")
-    text = f"{_module('panels.panels')}._running_text(*{runner}.current())"
+    text = f"{_module('panels.scene_panel')}._running_text(*{runner}.current())"
     window.check("the first row says what waits", f"'+1 waiting: isolate teapot' in {text}")
     time.sleep(2)
     window.shot("waiting")

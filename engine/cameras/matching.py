@@ -21,6 +21,7 @@ from ..core.child_process import ChildFailure
 from ..core.errors import CameraError, DiskError
 from ..core.events import StopCheck, never_stop
 from ..core.files import delete_derived, read_json, write_json
+from ..core.settings import to_dict
 from ..core.shares import Need, count_taken, helper_places, run_shares, taken_items
 from ..core.system import free_memory
 from .colmap import pycolmap
@@ -82,12 +83,12 @@ def match_pairs(
     processes = max(1, min(processes, _copies_on_disk(database)))
     if processes > 1 or (len(missing) >= 2 * MIN_PAIRS and helper_places(_NEED)):
         try:
-            _match_in_shares(database, folder, missing, processes, settings.seed, left, should_stop)
+            _match_in_shares(database, folder, missing, processes, settings, left, should_stop)
         finally:
             _merge(database, folder)
         # What a lost helper had taken.
         missing = _missing(database, pairs)
-    _match(database, missing, settings.seed, left=left, should_stop=should_stop)
+    _match(database, missing, settings, left=left, should_stop=should_stop)
 
 
 def _match_in_shares(
@@ -95,7 +96,7 @@ def _match_in_shares(
     folder: Path,
     pairs: Sequence[NamePair],
     processes: int,
-    seed: int,
+    settings: CameraSettings,
     left: Callable[[int], None],
     should_stop: StopCheck,
 ) -> None:
@@ -106,7 +107,8 @@ def _match_in_shares(
     write_json(folder / _BATCHES_FILE, batches)
     try:
         run_shares(
-            "cameras.matching:match_share", {"database": str(database), "folder": str(folder), "seed": seed},
+            "cameras.matching:match_share",
+            {"database": str(database), "folder": str(folder), "settings": to_dict(settings)},
             len(batches), _NEED, folder=folder, what=_WHAT, processes=processes,
             watch=lambda: left(len(pairs) - _PAIRS_PER_BATCH * count_taken(folder)), should_stop=should_stop,
         )  # fmt: skip
@@ -116,7 +118,7 @@ def _match_in_shares(
         ) from failure
 
 
-def match_share(database: str, folder: str, seed: int) -> None:
+def match_share(database: str, folder: str, settings: dict[str, Any]) -> None:
     """Match pairs that no other process has taken, in a child process with a database of its own.
 
     Parameters
@@ -125,20 +127,22 @@ def match_share(database: str, folder: str, seed: int) -> None:
         With the features; only read.
     folder : str
         Where the pairs stand, and the database is made.
+    settings : dict
+        Of `CameraSettings`, by `to_dict`.
 
     Raises
     ------
     CameraError, DiskError
         As `match_pairs`.
     """
-    shares = Path(folder)
+    shares, chosen = Path(folder), CameraSettings(**settings)
     batches = read_json(shares / _BATCHES_FILE, [[[str]]], advice="Run again.")
     own = Path(tempfile.mkdtemp(prefix="process-", dir=shares)) / "database.db"
     with opened_database(own):
         pass  # with COLMAP's tables
     for number in taken_items(shares, len(batches)):
         _copy_features(Path(database), own, {name for pair in batches[number] for name in pair})
-        _match(own, batches[number], seed, left=lambda count: None, should_stop=never_stop)
+        _match(own, batches[number], chosen, left=lambda count: None, should_stop=never_stop)
 
 
 def _batches(pairs: Sequence[NamePair]) -> list[Sequence[NamePair]]:
@@ -148,7 +152,7 @@ def _batches(pairs: Sequence[NamePair]) -> list[Sequence[NamePair]]:
 def _match(
     database: Path,
     pairs: Sequence[NamePair],
-    seed: int,
+    settings: CameraSettings,
     *,
     left: Callable[[int], None],
     should_stop: StopCheck,
@@ -159,7 +163,7 @@ def _match(
     matching.num_threads = 1
     matching.use_gpu = False
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = seed
+    verification.ransac.random_seed = settings.seed
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = database.with_name("pairs.txt")
     for number, batch in enumerate(_batches(pairs)):
@@ -167,7 +171,7 @@ def _match(
         require_free_space(database.parent)
         text = "".join(f"{first} {second}\n" for first, second in batch)
         pairing.match_list_path.write_text(text, encoding="ascii")
-        pycolmap.set_random_seed(seed)
+        pycolmap.set_random_seed(settings.seed)
         # COLMAP skips pairs that an earlier run has matched.
         wait_for(
             _WHAT,

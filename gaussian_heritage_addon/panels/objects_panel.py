@@ -18,6 +18,7 @@ from ...engine.project.own_words import read_learning
 from ...engine.project.refused_prompts import Candidate, NotFound, Refusal, read_not_found
 from ..blender.drawn_text import draw_text
 from ..language.translations import translated
+from ..project.first_view import CATEGORY
 from ..project.not_stored import draw_not_stored, is_unstored
 from ..project.pictures import picture_icon
 from ..setup.model_files import find_model, megabytes
@@ -100,7 +101,7 @@ class HERITAGE_PT_objects(bpy.types.Panel):
     bl_idname = "HERITAGE_PT_objects"
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
-    bl_category = "Heritage"
+    bl_category = CATEGORY
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...engine.core.errors import ObjectError, ProjectError
+from ...engine.objects.settings import DEFAULT_THRESHOLD
 from ...engine.project.objects import MuseumRecord, load_level
 from ..blender.lengths import read_length, write_length
 from ..blender.typed_properties import blender_properties
@@ -421,6 +422,7 @@ class HeritageObject(bpy.types.PropertyGroup):
         FloatProperty(
             name="Threshold",
             description="Smallest membership of a Gaussian in the object; higher values make the object tighter",
+            default=DEFAULT_THRESHOLD,
             min=0.0,
             max=1.0,
             subtype="FACTOR",

@@ -38,7 +38,8 @@ export function locale() {
 
 /** Return a number with what is counted: plural(3, "{} photo", "{} photos"). */
 export function plural(count, one, many) {
-  return t(count === 1 ? one : many, count.toLocaleString(locale()));
+  const isOne = new Intl.PluralRules(locale()).select(count) === "one";
+  return t(isOne ? one : many, count.toLocaleString(locale()));
 }
 
 /** Return the code that fits this browser best: of its choice before, or of the languages of its user. */

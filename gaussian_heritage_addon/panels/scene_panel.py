@@ -1,4 +1,4 @@
-"""The tab *Heritage* of the sidebar (N): the next step, the project and its display; and below, the running job."""
+"""The first panel of the tab *Heritage*: what goes on, the next step, and the project."""
 
 from __future__ import annotations
 
@@ -9,22 +9,19 @@ import bpy
 from ...engine.pipeline.reconstruction_input import better_preset
 from ...engine.project.content import report_file
 from ...engine.workers.jobs import Job, JobState
-from ..blender import problems
 from ..blender.default_objects import untouched_defaults
 from ..blender.drawn_text import draw_text
 from ..jobs import job_runner
 from ..jobs.job_names import job_name
-from ..jobs.results import PROJECT_KINDS
 from ..language.translations import translated
 from ..project.cameras import current_photo
-from ..project.curve import stored_curve
 from ..project.first_view import CATEGORY
 from ..project.moved_projects import is_missing
 from ..project.open_projects import is_open_elsewhere
 from ..splats.properties import HeritageScene, project_of
-from . import by_hand_panel, display_panel, objects_panel
-from .job_box import draw_curve, draw_job, progress_text
-from .set_up_box import SET_UP_KINDS, draw_set_up
+from .job_box import progress_text
+from .progress_panel import problems_of
+from .set_up_box import draw_set_up
 
 _STATUS_SHARE = 0.65
 """Share of the width of the first row that *Stopped* gets, beside the button that continues the job."""
@@ -59,7 +56,10 @@ class HERITAGE_PT_scene(bpy.types.Panel):
 
 
 def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """Draw one row, always, so that the buttons below stay where they are. The panel *Progress* has the details."""
+    """Draw one row, always, so that the buttons below stay where they are. The panel *Progress* has the details.
+
+    A job that runs hides all else; what asks the user to act comes before what is only told.
+    """
     current, waiting = job_runner.current(), job_runner.waiting()
     row = layout.row(align=True)
     if current is not None and current[1].running:
@@ -78,7 +78,7 @@ def _draw_status(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         row.label(text=_waiting_text(), icon="SORTTIME")
     elif state is not None and state.error_type == "PromptError":
         row.label(text="Not found, see Objects", icon="QUESTION")
-    elif _problems(scene):
+    elif problems_of(scene):
         row.label(text="Something is wrong, see Progress", icon="ERROR")
     elif job_runner.undecided():
         row.label(text="Done, see Progress", icon="QUESTION")
@@ -100,29 +100,6 @@ def _waiting_text() -> str:
     waiting = job_runner.waiting()
     names = [job_name(one.kind, one.subject, one.command) for one in waiting]
     return translated("+{} waiting: {}", len(names), ", ".join(names))
-
-
-def _problems(scene: bpy.types.Scene) -> list[str]:
-    """Return what is wrong, apart from stopped jobs."""
-    found = [job_runner.problem(), problems.shown()]
-    current = job_runner.current()
-    told_elsewhere = (*PROJECT_KINDS, *SET_UP_KINDS)
-    if current is not None and current[0].kind not in told_elsewhere and current[1].error not in found:
-        found.append(current[1].error)
-    return [problem for problem in found if problem]
-
-
-def _draw_undecided(layout: bpy.types.UILayout, *, is_new_scene: bool) -> None:
-    for number, project in enumerate(job_runner.undecided()):
-        box = layout.box()
-        if job_runner.ended_while_away(number):
-            draw_text(box, translated("A job on {} ended while you were away.", project.name), icon="TIME", n_boxes=1)
-        if not is_new_scene:
-            sentence = translated("The result of {} is ready. This scene shows another project.", project.name)
-            draw_text(box, sentence, icon="QUESTION", n_boxes=1)
-        row = box.row(align=True)
-        row.operator("heritage.open_result", text="Open" if is_new_scene else "Open in Own Scene").number = number
-        row.operator("heritage.dismiss_result", text="Leave").number = number
 
 
 def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
@@ -162,89 +139,4 @@ def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
         layout.prop(properties, "photo_opacity", slider=True)
 
 
-class HERITAGE_PT_progress(bpy.types.Panel):
-    """The running job with its preview and curve, and the jobs that wait. Below all buttons, as its height changes."""
-
-    bl_label = "Progress"
-    bl_idname = "HERITAGE_PT_progress"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
-    bl_order = 2
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether there is anything to tell about jobs."""
-        scene = context.scene
-        jobs = (_shown_job() is not None, job_runner.waiting(), job_runner.stopped(scene), job_runner.undecided())
-        return any(jobs) or bool(_problems(scene))
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the panel."""
-        scene = context.scene
-        for problem in _problems(scene):
-            draw_text(self.layout, problem, icon="ERROR")
-        for number, job, state in job_runner.stopped(scene):
-            _draw_stopped(self.layout.box(), number, job, state)
-        _draw_undecided(self.layout, is_new_scene=not scene.heritage.project)
-        shown = _shown_job()
-        if shown is not None:
-            # The bar stands in the first row of the tab.
-            draw_job(self.layout, *shown, bar=False)
-        for number, one in enumerate(job_runner.waiting()):
-            row = self.layout.row(align=True)
-            name = job_name(one.kind, one.subject, one.command)
-            row.label(text=translated("Then: {} ({})", name, one.subject.name), icon="SORTTIME")
-            row.operator("heritage.drop_job", text="", icon="X").number = number
-
-
-def _draw_stopped(box: bpy.types.UILayout, number: int, job: Job, state: JobState) -> None:
-    stopped = translated("Stopped: {}", job_name(job.kind, Path(job.subject), job.command))
-    draw_text(box, stopped, icon="ERROR", n_boxes=1)
-    draw_text(box, state.error, n_boxes=1)
-    if state.error_type == "ModelFileError":
-        # The engine names its command line.
-        draw_text(
-            box, "In Blender: Repair Engine, or Fetch beside the model, in Preferences > Add-ons > Gaussian Heritage.",
-            n_boxes=1,
-        )  # fmt: skip
-    row = box.row(align=True)
-    row.operator("heritage.continue_job", text="Continue", icon="PLAY").number = number
-    row.operator("heritage.leave_job", text="Leave").number = number
-
-
-def _shown_job() -> tuple[Job, JobState] | None:
-    current = job_runner.current()
-    return current if current is not None and current[0].kind in PROJECT_KINDS and not current[1].error else None
-
-
-class HERITAGE_PT_training(bpy.types.Panel):
-    """Error against run time of the finished training."""
-
-    bl_label = "Error against Run Time"
-    bl_idname = "HERITAGE_PT_training"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
-    bl_order = 3
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether the project has a training curve."""
-        return bool(context.scene.heritage.project) and bool(stored_curve(project_of(context.scene.heritage)))
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the panel."""
-        project = project_of(context.scene.heritage)
-        draw_curve(self.layout, f"the training in {project}", stored_curve(project))
-
-
-CLASSES = [
-    HERITAGE_PT_scene,
-    *objects_panel.CLASSES,
-    *by_hand_panel.CLASSES,
-    *display_panel.CLASSES,
-    HERITAGE_PT_progress,
-    HERITAGE_PT_training,
-]
+CLASSES = [HERITAGE_PT_scene]
