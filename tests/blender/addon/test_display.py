@@ -24,6 +24,13 @@ def bounds(obj: bpy.types.Object) -> np.ndarray:
     return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
 
+def test_a_slider_that_is_reset_is_where_the_engine_starts_it(opened: Any, part: Part) -> None:
+    vase = isolated()["vase"]
+    vase.heritage.threshold = 0.9
+    vase.heritage.property_unset("threshold")
+    assert vase.heritage.threshold == part("engine.objects.settings").DEFAULT_THRESHOLD > 0
+
+
 def test_bounds_are_those_of_the_gaussians_that_are_shown(opened: Any, part: Part) -> None:
     bpy.context.scene.heritage.show = "OBJECTS"
     vase = isolated()["vase"]
