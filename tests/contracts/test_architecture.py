@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from .sources import nodes, parsed
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PICTURE = PAGE.partition("```mermaid")[2].partition("```")[0]
@@ -47,7 +49,7 @@ def imported_by(name: str) -> set[str]:
     """The packages and modules of ours that the files of `name` import from."""
     names = set()
     for file in files_of(name):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in nodes(file.read_text(encoding="utf-8")):
             if isinstance(node, ast.ImportFrom) and node.level:
                 parts = (node.module or "").split(".")
                 names |= {"addon" if part == "gaussian_heritage_addon" else part for part in parts}
@@ -99,7 +101,7 @@ def test_every_kind_of_arrow_is_read() -> None:
 
 @pytest.mark.parametrize(("what", "file", "name"), PLACES, ids=[what for what, _, _ in PLACES])
 def test_every_place_exists(what: str, file: str, name: str) -> None:
-    tree = ast.parse((ROOT / file).read_text(encoding="utf-8"))
+    tree = parsed((ROOT / file).read_text(encoding="utf-8"))
     defined = {node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)}
     for node in tree.body:
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]

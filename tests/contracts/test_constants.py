@@ -7,6 +7,7 @@ line or on the last line of its statement.
 from __future__ import annotations
 
 import ast
+import functools
 import io
 import re
 import tokenize
@@ -14,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from .sources import nodes
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -32,6 +35,7 @@ evaluation are not among them."""
 _START = "chosen on"
 
 
+@functools.cache
 def tags(source: str) -> dict[int, str]:
     """Return the tag in the comment of each line."""
     found = {}
@@ -53,7 +57,7 @@ def problem_of(tag: str) -> str | None:
 def lines_with_values(source: str) -> set[int]:
     """Return the lines of literals, and the last line of each statement, or header of a block, that has one."""
     lines: set[int] = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         if isinstance(node, ast.stmt):
             body = getattr(node, "body", None)
             last = max(node.lineno, body[0].lineno - 1) if body else node.end_lineno or node.lineno

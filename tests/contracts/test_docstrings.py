@@ -6,6 +6,8 @@ import ast
 import re
 from pathlib import Path
 
+from .sources import nodes, parsed
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
@@ -34,13 +36,13 @@ def taken(function: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
 
 def wrong_promises(source: str) -> list[str]:
     """What is wrong with the docstrings of a module."""
-    wrong, tree = [], ast.parse(source)
-    for node in ast.walk(tree):
+    wrong = []
+    for node in nodes(source):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             names = described(ast.get_docstring(node) or "")
             if names is not None and names != [name for name in taken(node) if name in names]:
                 wrong.append(f"{node.name} describes {names} and takes {taken(node)}")
-    for node in tree.body:
+    for node in parsed(source).body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
             wrong += [] if ast.get_docstring(node) else [f"{node.name} does not say what the caller gets"]
     return wrong

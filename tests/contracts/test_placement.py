@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from .sources import nodes
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("gaussian_heritage_addon", "operators")
 CHECKED = ROOT / "gaussian_heritage_addon" / "blender" / "world_placement.py"
@@ -17,7 +19,7 @@ STALE = ("matrix_world", "matrix_local")
 def uses(source: str) -> list[int]:
     """Return the lines that read or set a stale matrix, also by its name as text (``getattr``, paths of properties)."""
     found = []
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         by_name = isinstance(node, ast.Attribute) and node.attr in STALE
         is_text = isinstance(node, ast.Constant) and isinstance(node.value, str) and " " not in node.value
         if by_name or (is_text and any(name in node.value for name in STALE)):

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from .sources import parsed
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def public_names(face: Path) -> set[str]:
     """What an ``__init__.py`` imports from its modules, also below ``if TYPE_CHECKING:``, or defines."""
-    names, statements = set(), ast.parse(face.read_text(encoding="utf-8")).body
+    names, statements = set(), parsed(face.read_text(encoding="utf-8")).body
     for node in [*statements, *(inner for one in statements if isinstance(one, ast.If) for inner in one.body)]:
         if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
             names |= {alias.asname or alias.name for alias in node.names}
@@ -30,7 +32,7 @@ FACES = {
     for folder in ("engine", "gaussian_heritage_addon", "operators")
     for file in sorted((ROOT / folder).rglob("__init__.py"))
     # A folder that only groups others has a docstring alone.
-    if len(ast.parse(file.read_text(encoding="utf-8")).body) > 1
+    if len(parsed(file.read_text(encoding="utf-8")).body) > 1
 }
 PACKAGES = [name for name in FACES if name.startswith("engine.")]
 

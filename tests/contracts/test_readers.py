@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from .sources import parsed
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("engine", "gaussian_heritage_addon", "operators")
 CHECKED = "engine/core/files"
@@ -174,7 +176,7 @@ def _writes_only(call: ast.Call) -> bool:
 def forbidden_calls(source: str) -> list[tuple[int, str]]:
     """Return line and name of each forbidden call."""
     calls = _Calls()
-    calls.visit(ast.parse(source))
+    calls.visit(parsed(source))
     return sorted(calls.found)
 
 

@@ -7,6 +7,8 @@ import re
 import subprocess
 from pathlib import Path
 
+from .sources import nodes, parsed
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
@@ -24,9 +26,9 @@ def is_ours(name: str) -> bool:
 def test_modules_say_what_they_are_and_import_relatively() -> None:
     silent, absolute = [], []
     for module in MODULES:
-        tree, name = ast.parse(module.read_text(encoding="utf-8")), str(module.relative_to(ROOT))
-        silent += [] if ast.get_docstring(tree) else [name]
-        for node in ast.walk(tree):
+        source, name = module.read_text(encoding="utf-8"), str(module.relative_to(ROOT))
+        silent += [] if ast.get_docstring(parsed(source)) else [name]
+        for node in nodes(source):
             if isinstance(node, ast.Import):
                 absolute += [name for alias in node.names if is_ours(alias.name)]
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
@@ -48,7 +50,7 @@ def test_modules_of_the_addon_that_scripts_and_benchmarks_name_exist() -> None:
 
 
 def test_extension_entry_imports_only_inside_register() -> None:
-    tree = ast.parse((ROOT / "__init__.py").read_text())
+    tree = parsed((ROOT / "__init__.py").read_text())
     assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in tree.body)
 
 

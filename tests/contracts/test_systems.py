@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from .sources import nodes
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("engine", "gaussian_heritage_addon", "operators", "scripts")
 PLACE = "engine/core/system"
@@ -30,16 +32,16 @@ EXCEPTIONS = {
 
 def questions(source: str) -> Iterator[str]:
     """Yield what in the source of a module depends on the operating system."""
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         if isinstance(node, ast.Attribute):
-            name = ast.unparse(node)
+            name = f"{node.value.id}.{node.attr}" if isinstance(node.value, ast.Name) else node.attr
             if name in FORBIDDEN or node.attr in NAMES_OF_TIMES:
                 yield name
         elif isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in MODULES)
         elif isinstance(node, ast.ImportFrom) and not node.level and node.module in MODULES:
             yield node.module
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("getattr", "hasattr"):
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("getattr", "hasattr"):
             yield from [ast.unparse(node)] if ast.unparse(node.args[0]) in ASKED_BY_NAME else []
 
 

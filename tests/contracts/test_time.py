@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from .sources import nodes
+
 ROOT = Path(__file__).resolve().parents[2]
 LEAST_SECONDS = 60.0
 _CLOCKS = frozenset({"monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "process_time", "thread_time"})
@@ -38,7 +40,7 @@ SHORT_LIMITS = {
 
 def problems(source: str) -> Iterator[tuple[str, str]]:
     """Yield the kind, "clock" or "limit", and the place of each dependence on time in a test file."""
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         if isinstance(node, ast.Attribute) and node.attr in _CLOCKS and _is_name(node.value, "time"):
             yield "clock", f"{node.lineno}: reads time.{node.attr}"
         if isinstance(node, ast.ImportFrom) and node.module == "time":
