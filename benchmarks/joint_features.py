@@ -21,7 +21,7 @@ from pathlib import Path
 
 from engine.cameras.settings import CameraSettings
 from engine.core.events import ignore_events, never_stop
-from engine.core.files import atomic_write
+from engine.core.files import write_file
 from engine.masks import load_default_sam
 from engine.objects.grounding import load_default_detector
 from engine.pipeline.planning import PlanSettings, WorkPlan, plan_work
@@ -276,8 +276,7 @@ def main() -> None:
         )
         if arguments.doc:
             file = arguments.doc.with_name(f"{arguments.doc.stem}_{name}_steps.png")
-            with atomic_write(file) as stream:
-                stream.write(image)
+            write_file(file, image)
             text += f"\n\n![IoU against evaluations of L_CC]({file.name})"
         _write(arguments.doc, f"{name}: the paper's features with longer training", text)
 

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.core.files import atomic_write
+from engine.core.files import write_file
 
 from .opensplat import StepTimes, compare_steps
 
@@ -309,8 +309,7 @@ from a second thread.
 """
     print(text)
     if arguments.out:
-        with atomic_write(arguments.out) as stream:
-            stream.write(text.encode())
+        write_file(arguments.out, text.encode())
 
 
 if __name__ == "__main__":

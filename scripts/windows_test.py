@@ -28,7 +28,7 @@ from windows.steps import Context, Result, Step
 from windows.test_steps import test_steps
 from windows.way_steps import way_steps
 
-from engine.core.files import atomic_write
+from engine.core.files import write_file
 
 MARK = "## Ran\n"
 _TABLE = "| step | result | commit | what was seen |\n| --- | --- | --- | --- |"
@@ -127,8 +127,7 @@ def _writer(file: Path, steps: Sequence[str], product: Path) -> Callable[[Result
     def write(result: Result) -> None:
         head, _, earlier = file.read_text(encoding="utf-8").partition(MARK)
         # Replaced whole: a run beside this one must never read half of it and lose the other rows.
-        with atomic_write(file, "w") as stream:
-            stream.write(f"{head}{MARK}\n{document([result], steps, commit, earlier)}")
+        write_file(file, f"{head}{MARK}\n{document([result], steps, commit, earlier)}")
 
     return write
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import os
@@ -72,32 +73,15 @@ def read_export(export: Export, model: Path, should_stop: StopCheck) -> ReadExpo
         frames, cloud = read_transforms(file)
         makers = {name: _of_frame(values, name, file) for name, values in frames.items()}
         return ReadExport([makers], [""], SparsePoints.none(), cloud)
-    if export.kind == "metashape":
-        what = f"The Metashape export {file}"
-        answer, arrays = in_child(
-            "cameras.metashape:metashape_in_child", file, [file], what, should_stop, memory_per_byte=_XML_BYTES
-        )
-        return _read(answer, arrays["viewmats"], lambda name: name, _of_sensor, what)
-    if export.kind == "csv":
-        what = f"The RealityCapture export {file}"
-        answer, arrays = in_child(
-            "cameras.reality_capture:csv_in_child", file, [file], what, should_stop, memory_per_byte=_XML_BYTES
-        )
-        return _read(answer, arrays["viewmats"], lambda name: name, _of_values, what)
-    if export.kind == "xmp":
-        what = f"The XMP files in {model}"
-        files = export.files[:_MAX_XMP_FILES]
-        answer, arrays = in_child(
-            "cameras.reality_capture:xmp_in_child", files, files, what, should_stop, memory_per_byte=_XML_BYTES
-        )
-        folder = model if model.is_dir() else model.parent
-        return _read(answer, arrays["viewmats"], lambda name: _photo_of_xmp(name, folder), _of_values, what)
-    what = f"The Bundler file {file}"
-    answer, arrays = in_child(
-        "cameras.bundler:bundler_in_child", file, [file], what, should_stop, memory_per_byte=_XML_BYTES
-    )
-    shown = np.split(arrays["seen"], np.cumsum(answer["seen"]))
-    read = _read(answer, arrays["viewmats"], lambda name: name, _of_bundler, what, shown)
+    called, function, lens_of = _READERS[export.kind]
+    has_many_files = export.kind == "xmp"
+    what, files = f"{called} {model if has_many_files else file}", export.files[:_MAX_XMP_FILES]
+    source: Path | tuple[Path, ...] = files if has_many_files else file
+    answer, arrays = in_child(function, source, files, what, should_stop, memory_per_byte=_XML_BYTES)
+    folder = model if model.is_dir() else model.parent
+    name_of: Callable[[str], str] = functools.partial(_photo_of_xmp, folder=folder) if has_many_files else str
+    shown = np.split(arrays["seen"], np.cumsum(answer["seen"])) if "seen" in answer else ()
+    read = _read(answer, arrays["viewmats"], name_of, lens_of, what, shown)
     return replace(read, points=SparsePoints(arrays["points"], arrays["colors"], math.nan))
 
 
@@ -182,6 +166,15 @@ def _of_bundler(
 ) -> tuple[Callable[[int, int], Lens], tuple[int, int] | None]:
     focal, k1, k2 = (float(values[key]) for key in ("f", "k1", "k2"))
     return (lambda w, h: Lens("RADIAL", w, h, (focal, 0.5 * w, 0.5 * h, k1, k2))), None
+
+
+_READERS: dict[str, tuple[str, str, _LensOf]] = {
+    "metashape": ("The Metashape export", "cameras.metashape:metashape_in_child", _of_sensor),
+    "csv": ("The RealityCapture export", "cameras.reality_capture:csv_in_child", _of_values),
+    "xmp": ("The XMP files in", "cameras.reality_capture:xmp_in_child", _of_values),
+    "bundler": ("The Bundler file", "cameras.bundler:bundler_in_child", _of_bundler),
+}
+"""What messages call each kind of export, its reader for a child process, and what makes a lens of its values."""
 
 
 def cameras_of(

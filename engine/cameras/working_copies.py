@@ -13,7 +13,7 @@ from PIL import Image
 
 from ..core.errors import Cancelled, FormatError
 from ..core.events import StopCheck
-from ..core.files import atomic_write, opened
+from ..core.files import opened, write_file
 from ..photos import load_with_valid
 from ..scene import Photo, PhotoSet
 
@@ -156,5 +156,4 @@ def _write_copy(copy: WorkingCopy, source: Path, folder: Path, masks: Path) -> N
 def _write(path: Path, picture: Image.Image, kind: str, **options: int) -> None:
     encoded = io.BytesIO()
     picture.save(encoded, kind, **options)
-    with atomic_write(path) as stream:
-        stream.write(encoded.getvalue())
+    write_file(path, encoded.getvalue())

@@ -11,7 +11,7 @@ import numpy as np
 from .. import __version__
 from ..core.arrays import Float32, Int32
 from ..core.errors import FormatError
-from ..core.files import atomic_write
+from ..core.files import atomic_write, write_file
 from ..core.visible_text import visible
 from ..scene import Mesh
 from .ply import ascii_text
@@ -98,8 +98,7 @@ def write_mesh_obj(path: Path, mesh: Mesh, texture: bytes, *, name: str, comment
     if any(letter.isspace() for letter in path.stem):
         raise FormatError(f"{path.name} has a space, with which programs do not find its texture. Choose another name.")
     material, picture = path.with_suffix(".mtl"), path.with_suffix(".png")
-    with atomic_write(picture) as stream:
-        stream.write(texture)
+    write_file(picture, texture)
     with atomic_write(material, "w") as stream:
         for one in (SEEN_MATERIAL, FILLED_MATERIAL):
             stream.write(f"newmtl {one}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..core.files import atomic_write
+from ..core.files import write_file
 from ..core.visible_text import visible
 from ..scene import Mesh
 from .mesh_glb import MESH_ROUGHNESS
@@ -63,8 +63,7 @@ def write_mesh_usdz(
             gap = -(begin + 4) % _ALIGNMENT
             entry.extra = b"\x19\x86" + gap.to_bytes(2, "little") + b"\0" * gap
             archive.writestr(entry, data)
-    with atomic_write(path) as stream:
-        stream.write(whole.getbuffer())
+    write_file(path, whole.getbuffer())
 
 
 def _layer(mesh: Mesh, name: str, metres_per_unit: float | None, custom_data: Mapping[str, Any] | None) -> str:

@@ -21,7 +21,7 @@ from PIL import Image
 from ..core.arrays import Mask
 from ..core.errors import Cancelled, MaskError
 from ..core.events import Emit, Progress, StopCheck, Warned
-from ..core.files import atomic_write
+from ..core.files import write_file
 from ..photos import load_pixels
 from ..scene import Photo, PhotoSet
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
@@ -186,5 +186,4 @@ def _write(path: Path, mask: Mask, photo: Photo) -> None:
     encoded = io.BytesIO()
     Image.fromarray(whole > 0).save(encoded, "PNG")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as stream:
-        stream.write(encoded.getvalue())
+    write_file(path, encoded.getvalue())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import Cancelled, FormatError, PhotoError
 from ..core.events import Emit, Progress, StopCheck
-from ..core.files import atomic_write, delete_derived, file_sha256, path_within, read_json, write_json
+from ..core.files import delete_derived, file_sha256, path_within, read_json, write_file, write_json
 from ..core.system import variable_for_libraries
 from .kinds import VIDEO, kind_of_file
 from .settings import VIDEO_SUFFIXES, VideoSettings
@@ -230,5 +230,4 @@ def _write(file: Path, pixels: NDArray[np.uint8]) -> None:
     ok, encoded = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not ok:
         raise PhotoError(f"{file.name} could not be written as JPEG.")
-    with atomic_write(file) as stream:
-        stream.write(encoded.tobytes())
+    write_file(file, encoded.tobytes())

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.files import atomic_write
+from ..core.files import write_file
 
 
 def write_png(
@@ -27,8 +27,7 @@ def write_png(
     DiskError
         If the file cannot be written.
     """
-    with atomic_write(path) as stream:
-        stream.write(encode_png(picture, description=description))
+    write_file(path, encode_png(picture, description=description))
 
 
 def encode_png(picture: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.bool_], *, description: str = "") -> bytes:

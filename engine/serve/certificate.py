@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.errors import FormatError
-from ..core.files import atomic_write, read_bytes
+from ..core.files import atomic_write, read_bytes, write_file
 
 if TYPE_CHECKING:
     from cryptography.x509 import GeneralName
@@ -71,8 +71,7 @@ def _write(certificate: Path, key: Path, hosts: Sequence[str]) -> None:
                 serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
             )
         )
-    with atomic_write(certificate) as stream:
-        stream.write(made.public_bytes(serialization.Encoding.PEM))
+    write_file(certificate, made.public_bytes(serialization.Encoding.PEM))
 
 
 def _general_name(host: str) -> GeneralName:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError
-from ..core.files import atomic_write
+from ..core.files import write_file
 
 SMALL_SIDE = 320
 """Pixels of the longest side in lists."""
@@ -87,5 +87,4 @@ def write_jpeg(pixels: NDArray[np.uint8], out: Path) -> None:
     if not ok:
         raise FormatError(f"{out} could not be written as JPEG.")
     out.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(out) as stream:
-        stream.write(encoded.tobytes())
+    write_file(out, encoded.tobytes())

@@ -15,3 +15,11 @@ def card_or_skip(*, software: bool = True) -> Gpu:
     except EnvironmentProblem as problem:
         pytest.skip(f"no adapter for the gpu backend: {problem}")
     return open_gpu(software=software)
+
+
+@pytest.fixture(autouse=True)
+def opened_gpu(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Gpu:
+    """Let `rasterize` use any adapter, also the processor; tests marked ``gpu`` get a card."""
+    gpu = card_or_skip(software=request.node.get_closest_marker("gpu") is None)
+    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
+    return gpu

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...core.errors import Cancelled, EnvironmentProblem, SettingsError
 from ...core.events import Emit, Finished, StopCheck
-from ...core.files import atomic_write, write_json
+from ...core.files import write_file, write_json
 from ...core.words import join_texts, split_list
 from ...pipeline.stages import STAGES
 from .scene_options import add_device_option, add_no_objects_option, add_preset_option, add_prompts_option, prompts_of
@@ -68,8 +68,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     summary = summary_as_dict(result.folders, result.notes, result.seconds)
     options.out.mkdir(parents=True, exist_ok=True)
     write_json(options.out / "batch.json", summary)
-    with atomic_write(options.out / "batch.html", "w") as stream:
-        stream.write(summary_page(result.folders, result.notes, result.seconds))
+    write_file(options.out / "batch.html", summary_page(result.folders, result.notes, result.seconds))
     files = {"summary": str(options.out / "batch.json"), "page": str(options.out / "batch.html")}
     emit(Finished(summary_text(result.folders, result.notes), {**files, "states": summary["states"]}))
     if result.succeeded:

@@ -29,6 +29,14 @@ if TYPE_CHECKING:
     from .sizes import bytes_of
     from .stored_package import StoredPackage, opened_package, write_zip
     from .versions import read_versioned
-    from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json, write_problem
+    from .writing import (
+        TEMPORARY_PREFIX,
+        atomic_write,
+        file_sha256,
+        finite_or_null,
+        write_file,
+        write_json,
+        write_problem,
+    )
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -67,6 +67,12 @@ def write_problem(path: Path, error: OSError) -> DiskError:
     return DiskError(f"Could not write {path}: {error.strerror or error}. {advice_for(error, path)}")
 
 
+def write_file(path: Path, content: bytes | str) -> None:
+    """Write `content` to `path`, text as UTF-8; raises as `atomic_write` does."""
+    with atomic_write(path, "w" if isinstance(content, str) else "wb") as stream:
+        stream.write(content)
+
+
 def write_json(path: Path, data: Any, *, private: bool = False) -> None:
     """Write `data` to `path` as indented UTF-8 JSON, atomically; `private` as of `atomic_write`.
 

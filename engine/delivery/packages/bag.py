@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ... import __version__
-from ...core.files import atomic_write, file_sha256
+from ...core.files import file_sha256, write_file
 
 PAYLOAD = "data"
 _VERSION = "BagIt-Version: 1.0\nTag-File-Character-Encoding: UTF-8\n"
@@ -40,12 +40,12 @@ def write_bag(folder: Path, info: Mapping[str, str]) -> None:
         "Payload-Oxum": f"{sum(sizes)}.{len(sizes)}",
         **info,
     }
-    _write(folder / "bagit.txt", _VERSION)
+    write_file(folder / "bagit.txt", _VERSION)
     text = "".join(f"{label}: {' '.join(value.split())}\n" for label, value in lines.items())
-    _write(folder / "bag-info.txt", text)
-    _write(folder / "manifest-sha256.txt", _manifest(folder, files))
+    write_file(folder / "bag-info.txt", text)
+    write_file(folder / "manifest-sha256.txt", _manifest(folder, files))
     tags = [folder / name for name in ("bag-info.txt", "bagit.txt", "manifest-sha256.txt")]
-    _write(folder / "tagmanifest-sha256.txt", _manifest(folder, tags))
+    write_file(folder / "tagmanifest-sha256.txt", _manifest(folder, tags))
 
 
 def _manifest(folder: Path, files: list[Path]) -> str:
@@ -55,8 +55,3 @@ def _manifest(folder: Path, files: list[Path]) -> str:
 def escaped(name: str) -> str:
     """Return a path as manifests hold it: with line breaks and percent signs escaped."""
     return name.replace("%", "%25").replace("\n", "%0A").replace("\r", "%0D")
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_write(path, "w") as stream:
-        stream.write(text)

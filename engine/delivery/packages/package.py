@@ -20,6 +20,7 @@ from ...core.files import (
     delete_derived,
     finite_or_null,
     path_within,
+    write_file,
     write_json,
     write_problem,
     write_zip,
@@ -203,7 +204,7 @@ def _fill(
     _write_records(data, stem, described, pictures, address)
     present = {path.relative_to(data).as_posix() for path in data.rglob("*") if path.is_file()}
     present |= {"ro-crate-metadata.json"}
-    _write_text(data / "README.txt", _readme(described, {name: notes[name] for name in notes if name in present}))
+    write_file(data / "README.txt", _readme(described, {name: notes[name] for name in notes if name in present}))
     write_crate(data, described, notes)
 
 
@@ -256,17 +257,12 @@ def _write_records(data: Path, stem: str, described: dict[str, Any], pictures: l
     ]
     write_json(folder / "paradata.json", finite_or_null(described))
     write_json(folder / "provenance.jsonld", finite_or_null(crm_json_ld(described)))
-    _write_text(folder / "dublin_core.xml", dublin_core_xml(described))
+    write_file(folder / "dublin_core.xml", dublin_core_xml(described))
     links = _FROM_RECORDS if address.startswith(EXAMPLE_ADDRESS) else address
-    _write_text(folder / "lido.xml", lido_xml(described, files, address=links))
+    write_file(folder / "lido.xml", lido_xml(described, files, address=links))
     manifest = iiif_manifest(described, pictures, address=address, name=_IIIF)
     (data / _IIIF).parent.mkdir()
-    _write_text(data / _IIIF, json.dumps(manifest, indent=1, ensure_ascii=False))
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_write(path, "w") as stream:
-        stream.write(text)
+    write_file(data / _IIIF, json.dumps(manifest, indent=1, ensure_ascii=False))
 
 
 def _readme(described: dict[str, Any], notes: dict[str, str]) -> str:

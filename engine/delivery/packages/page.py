@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import EnvironmentProblem, FormatError
-from ...core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, read_bytes, read_text
+from ...core.files import TEMPORARY_PREFIX, delete_derived, read_bytes, read_text, write_file
 from ...core.language import languages
 from ...core.stage_names import STAGE_NAMES
 from ...formats import write_ply
@@ -144,8 +144,7 @@ def write_page(
         splats=_base64(splats),
         script=Html(script),
     )
-    with atomic_write(path, "w") as stream:
-        stream.write(text)
+    write_file(path, text)
 
 
 def _ply_bytes(path: Path, gaussians: Gaussians) -> bytes:

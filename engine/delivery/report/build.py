@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...cameras import training_pinhole
 from ...core.errors import FormatError, ObjectError, PhotoError
-from ...core.files import atomic_write, delete_derived, finite_or_null, write_json
+from ...core.files import delete_derived, finite_or_null, write_file, write_json
 from ...core.language import languages
 from ...core.parts import part
 from ...pictures import Scene, write_png
@@ -96,8 +96,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
     write_json(folder / "report.json", finite_or_null(facts))
     pages = {report_file(project.path, language.code): language for language in languages()}
     for path, language in pages.items():
-        with atomic_write(path, "w") as stream:
-            stream.write(page(facts, pictures, language))
+        write_file(path, page(facts, pictures, language))
     return list(pages)
 
 

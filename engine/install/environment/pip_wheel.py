@@ -7,7 +7,7 @@ import http.client
 from pathlib import Path
 
 from ...core.errors import EnvironmentProblem, HeritageError
-from ...core.files import atomic_write
+from ...core.files import write_file
 from ...core.https import open_https
 from .locked import hashes_in, locked_file
 
@@ -41,6 +41,5 @@ def fetch_pip(folder: Path) -> Path:
     if hashlib.sha256(content).hexdigest() not in hashes_in(locked_file("pip")):
         raise EnvironmentProblem(f"{_URL} is not the file that was expected, so it is not used. Try again later.")
     file = folder / _URL.rpartition("/")[2]
-    with atomic_write(file) as out:
-        out.write(content)
+    write_file(file, content)
     return file

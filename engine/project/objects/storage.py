@@ -24,6 +24,7 @@ from ...core.files import (
     read_array,
     record_of,
     replace_together,
+    write_file,
 )
 from ...scene import Detailed, Gaussians, load_detailed, save_detailed
 from .object_record import (
@@ -76,8 +77,7 @@ def save_object(
         if detailed is not None:
             save_detailed(new, detailed)
         for name, picture in (pictures or {}).items():
-            with atomic_write(new / name) as stream:
-                stream.write(picture)
+            write_file(new / name, picture)
         files = {name: record_of(new / name) for name in COMPUTED_FILES if (new / name).exists()}
         write_record(new / RECORD_FILE, record, files)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
-from ...core.files import atomic_write, finite_or_null, write_json
+from ...core.files import finite_or_null, write_file, write_json
 from ...core.system import describe_machine, describe_system
 from ...delivery.report import compare_curves
 from ..evaluation import write_section
@@ -106,10 +106,10 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
     in_sample = title in (*IN_SAMPLE_SCENES, *IN_SAMPLE_PHOTO_SETS)
     body = _body(rows, command=command, mark=MARKS["in sample" if in_sample else "test"])
     _write_picture(out / "bench.png", picture)
-    with atomic_write(out / "bench.md", "w") as stream:
-        stream.write(
-            f"# {title}: error against run time\n\n{body}\n\n{_picture_link('bench.png', picture)}{_EXPLANATION}\n"
-        )
+    write_file(
+        out / "bench.md",
+        f"# {title}: error against run time\n\n{body}\n\n{_picture_link('bench.png', picture)}{_EXPLANATION}\n",
+    )
     if doc:
         image = doc.with_name(f"{doc.stem}_{title}.png".replace(" ", "_"))
         _write_picture(image, picture)
@@ -120,8 +120,7 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
 
 def _write_picture(path: Path, picture: bytes | None) -> None:
     if picture:
-        with atomic_write(path) as stream:
-            stream.write(picture)
+        write_file(path, picture)
 
 
 def _picture_link(name: str, picture: bytes | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ...core.files import atomic_write, read_text
+from ...core.files import read_text, write_file
 
 _HEADING = "## "
 
@@ -43,5 +43,4 @@ def write_section(path: Path, *, title: str, body: str, introduction: str = "", 
         sections = {name: text for name, text in sections.items() if f"\n{_HEADING}{name}\n" not in introduction}
     sections[title] = body.strip()
     texts = [f"{_HEADING}{name}\n\n{text}" for name, text in sections.items() if _HEADING + name != last]
-    with atomic_write(path, "w") as stream:
-        stream.write("\n\n".join(text.strip() for text in (introduction, *texts, closing) if text) + "\n")
+    write_file(path, "\n\n".join(text.strip() for text in (introduction, *texts, closing) if text) + "\n")

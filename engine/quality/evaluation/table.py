@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from ... import __version__
-from ...core.files import atomic_write
+from ...core.files import write_file
 from ...core.system import describe_machine, describe_system
 from .document import write_section
 from .picture import curve_picture
@@ -127,8 +127,7 @@ def write_evaluation(path: Path, evaluation: Evaluation, *, title: str, command:
     parts = [f"```\n{command}\n```", MARKS[data_of(evaluation, title)], markdown(evaluation)]
     if kind != "all":
         image = path.with_name(f"{path.stem}_{re.sub('[^0-9A-Za-z_-]+', '-', title)}_{kind}.png")
-        with atomic_write(image) as stream:
-            stream.write(curve_picture(evaluation))
+        write_file(image, curve_picture(evaluation))
         parts.append(f"![IoU against CPU seconds]({image.name})")
     parts.append(_conditions(evaluation))
     parts.append(f"Gaussian Heritage {__version__}, {machine.cores} cores, {describe_system()}.")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...core.errors import Cancelled, SettingsError
 from ...core.events import Emit, Progress, StopCheck
-from ...core.files import atomic_write
+from ...core.files import write_file
 from ...install.models import one_thread
 from .bounds import BOUNDS, DEFAULT, bounds_of
 from .cases import CASES, Case
@@ -125,8 +125,7 @@ def _errors_markdown(rows: Sequence[Row]) -> str:
 
 def write_table(path: Path, rows: Sequence[AnyRow]) -> None:
     """Write `suite_markdown` of the rows to `path`, atomically."""
-    with atomic_write(path, "w") as file:
-        file.write(suite_markdown(rows))
+    write_file(path, suite_markdown(rows))
 
 
 def _cells(row: Row) -> list[str]:

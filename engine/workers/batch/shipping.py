@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import TypedDict
 
 from ...core.errors import FormatError, ProjectError
-from ...core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, path_within, read_bytes, write_problem
+from ...core.files import TEMPORARY_PREFIX, delete_derived, path_within, read_bytes, write_file, write_problem
 from ...photos import picture_files
 from ...project.folder import PROJECT_FILE
 
@@ -103,8 +103,7 @@ def unpack(files: Files, folder: Path) -> None:
             changed, content = files[name]
             path = path_within(folder, *PurePosixPath(name).parts)
             path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_write(path) as stream:
-                stream.write(content)
+            write_file(path, content)
             os.utime(path, ns=(changed, changed))
     except OSError as error:
         raise write_problem(folder, error) from error

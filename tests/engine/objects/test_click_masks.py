@@ -12,6 +12,7 @@ import pytest
 
 from engine.cli.main import main
 from engine.core.errors import PromptError
+from engine.masks import mask_iou
 from engine.objects import Point, click_masks, load_context
 from engine.objects.context import SegmentationContext
 from engine.objects.evidence import evidence_of_clicks
@@ -40,16 +41,12 @@ def center(blobs: BlobScene, part: int) -> Point:
     return Point(PHOTO, *blobs.center_of(part, PHOTO))
 
 
-def overlap(first: np.ndarray, second: np.ndarray) -> float:
-    return float((first & second).sum() / (first | second).sum())
-
-
 def test_click_shows_what_the_engine_takes_it_for(blobs: BlobScene, context: SegmentationContext) -> None:
     clicked = center(blobs, RED)
     masks = click_masks(context, PHOTO, [clicked], [])
     (evidence,) = evidence_of_clicks([clicked], [], context)
     np.testing.assert_array_equal(masks.wanted, evidence.view.to_photo(evidence.mask))
-    assert overlap(masks.wanted, blobs.labels[PHOTO] == RED) > 0.8
+    assert mask_iou(masks.wanted, blobs.labels[PHOTO] == RED) > 0.8
     assert not masks.unwanted.any() and not masks.present.any()
 
 
@@ -59,12 +56,12 @@ def test_click_beside_the_object_is_taken_away_and_shown(blobs: BlobScene, conte
     masks = click_masks(context, PHOTO, [wanted], [unwanted])
     blue = blobs.labels[PHOTO] == BLUE
     assert (both.wanted & blue).any() and not (masks.wanted & blue).any()
-    assert overlap(masks.unwanted, blue) > 0.95
+    assert mask_iou(masks.unwanted, blue) > 0.95
 
 
 def test_correction_shows_what_the_object_has_now(blobs: BlobScene, context: SegmentationContext) -> None:
     masks = click_masks(context, PHOTO, [], [], blobs.part == BLUE)
-    assert overlap(masks.present, blobs.labels[PHOTO] == BLUE) > 0.7
+    assert mask_iou(masks.present, blobs.labels[PHOTO] == BLUE) > 0.7
     assert not masks.wanted.any()
 
 
@@ -88,4 +85,4 @@ def test_command_answers_each_line_and_goes_on_after_a_wrong_one(
     answers = [_answer(outputs) for outputs in said]
     assert "cannot be read" in answers[0].problem and "gone.jpg" in answers[1].problem
     assert not answers[2].problem and answers[2].photo == PHOTO
-    assert overlap(answers[2].masks["wanted"], blobs.labels[PHOTO] == RED) > 0.8
+    assert mask_iou(answers[2].masks["wanted"], blobs.labels[PHOTO] == RED) > 0.8

@@ -8,6 +8,7 @@ import pytest
 
 from engine.core.errors import Cancelled
 from engine.core.events import Event, Progress
+from engine.masks import mask_iou
 from engine.objects.context import SegmentationContext
 from engine.objects.found import FoundObject
 from engine.objects.looks import Looks, build_looks
@@ -31,18 +32,14 @@ def everything(context: SegmentationContext, **given: object) -> list[FoundObjec
     return find_everything(replace(context, **given))
 
 
-def overlap(members: np.ndarray, truth: np.ndarray) -> float:
-    return float((members & truth).sum() / (members | truth).sum())
-
-
 def test_every_object_is_found_once_and_the_floor_is_not(blobs: BlobScene, tmp_path: Path) -> None:
     _, context = look(blobs, tmp_path)
     events: list[Event] = []
     found = everything(context, emit=events.append)
     assert len(found) == 3
     for part, name in ((RED, "red ball"), (TWIN, "red ball"), (BLUE, "blue ball")):
-        best = max(found, key=lambda one: overlap(one.members, blobs.part == part))
-        assert overlap(best.members, blobs.part == part) > 0.9
+        best = max(found, key=lambda one: mask_iou(one.members, blobs.part == part))
+        assert mask_iou(best.members, blobs.part == part) > 0.9
         assert best.name == name and best.score > 0.8
     assert np.sum([one.members for one in found], axis=0).max() == 1, "a Gaussian belongs to one object at most"
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
@@ -57,7 +54,7 @@ def test_what_was_found_without_a_prompt_has_levels_from_part_to_whole(blobs: Bl
     context.kept["looks"] = Looks(half[None], np.ones(1, np.float32), number, *sighting)
     (found,) = everything(context)
     first, *_, last = (level >= 0.5 for level in found.levels.memberships)
-    assert overlap(first, half) > 0.9 and overlap(last, blobs.part == BLUE) > 0.9
+    assert mask_iou(first, half) > 0.9 and mask_iou(last, blobs.part == BLUE) > 0.9
 
 
 def test_of_two_that_reach_into_each_other_the_likelier_keeps_its_gaussians(blobs: BlobScene, tmp_path: Path) -> None:
@@ -75,7 +72,7 @@ def test_of_two_that_reach_into_each_other_the_likelier_keeps_its_gaussians(blob
         in_ball, in_twin = (max(found, key=lambda one: int((one.members & part).sum())) for part in (ball, twin))
         assert in_ball is not in_twin
         assert not (in_ball.members & in_twin.members).any()
-        whole = overlap(in_ball.members, ball)
+        whole = mask_iou(in_ball.members, ball)
         assert whole > 0.95 if likelier == 0 else whole < 0.95
 
 
@@ -97,7 +94,7 @@ def test_what_is_mostly_the_foot_of_a_likelier_object_is_left_out(
     sightings = (numbers, made.photo[:1] * 2, made.box[[0, 0]], made.described[[0, 0]])
     context.kept["looks"] = Looks(np.stack([upper, lower]), np.array([3, 1], np.float32), numbers, *sightings)
     (found,) = everything(context)
-    assert overlap(found.members, ball) > 0.95
+    assert mask_iou(found.members, ball) > 0.95
 
 
 def test_what_does_not_look_whole_is_no_object(blobs: BlobScene, tmp_path: Path) -> None:
@@ -108,7 +105,7 @@ def test_what_does_not_look_whole_is_no_object(blobs: BlobScene, tmp_path: Path)
             return np.where(described.argmax(axis=1) == BLUE, np.float32(-9), np.float32(0))
 
     found = find_everything(segmenter_of(project, blobs, SMALL, detector_factory=lambda: Doubtful(blobs)).context)
-    best = {part: max(overlap(one.members, blobs.part == part) for one in found) for part in (RED, TWIN, BLUE)}
+    best = {part: max(mask_iou(one.members, blobs.part == part) for one in found) for part in (RED, TWIN, BLUE)}
     assert best[RED] > 0.9 and best[TWIN] > 0.9 and best[BLUE] < 0.5
 
 
@@ -119,7 +116,7 @@ def test_parts_that_the_segments_show_as_one_are_one_object(blobs: BlobScene, tm
     scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features))
     _, context = look(scene, tmp_path)
     found = everything(context)
-    assert max(overlap(one.members, scene.part == BLUE) for one in found) > 0.9
+    assert max(mask_iou(one.members, scene.part == BLUE) for one in found) > 0.9
     assert len(found) == 3
 
 

@@ -9,6 +9,7 @@ from scipy.sparse import csr_matrix
 
 from engine.core.errors import Cancelled
 from engine.core.events import never_stop
+from engine.masks import mask_iou
 from engine.objects.graph import SceneGraph, build_graph, load_or_build_graph
 from engine.objects.views import Views
 from engine.objects.votes import MaskEvidence, Votes, count_votes
@@ -32,10 +33,6 @@ def mask_of(blobs: BlobScene, views: Views, part: int, number: int) -> MaskEvide
     return MaskEvidence(view, view.from_photo(blobs.labels[camera.photo] == part), 1.0)
 
 
-def overlap(members: np.ndarray, truth: np.ndarray) -> float:
-    return float((members & truth).sum() / (members | truth).sum())
-
-
 def solved(graph: SceneGraph, votes: Votes, strictness: float = 0.6) -> np.ndarray:
     return graph.solve(Votes(votes.inside[:, None], votes.outside[:, None]), strictness)[:, 0]
 
@@ -45,7 +42,7 @@ def test_one_mask_and_the_segments_of_all_photos_give_the_whole_object(
 ) -> None:
     for part in (RED, TWIN, BLUE):
         votes = count_votes(views, mask_of(blobs, views, part, 1), graph.pixels)
-        assert overlap(solved(graph, votes) >= 0.5, blobs.part == part) > 0.95
+        assert mask_iou(solved(graph, votes) >= 0.5, blobs.part == part) > 0.95
 
 
 def test_membership_falls_as_the_strictness_rises(blobs: BlobScene, views: Views, graph: SceneGraph) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from engine.masks import mask_iou
 from engine.objects.groups import build_groups
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
@@ -20,13 +21,9 @@ def groups(blobs: BlobScene) -> np.ndarray:
     return groups_of(blobs)
 
 
-def iou(one: np.ndarray, other: np.ndarray) -> float:
-    return float((one & other).sum() / (one | other).sum())
-
-
 def test_every_object_is_one_of_the_groups_and_equal_objects_are_two(groups: np.ndarray, blobs: BlobScene) -> None:
     for part in (RED, TWIN, BLUE):
-        assert max(iou(one, blobs.part == part) for one in groups) > 0.95
+        assert max(mask_iou(one, blobs.part == part) for one in groups) > 0.95
 
 
 def test_groups_are_nested_or_disjoint_and_none_is_empty_or_there_twice(groups: np.ndarray) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from engine.core.errors import Cancelled
 from engine.core.events import Event, Progress
+from engine.masks import mask_iou
 from engine.objects.context import SegmentationContext
 from engine.objects.looks import Looks, build_looks, load_or_build_looks
 from engine.objects.photos import Photos
@@ -53,18 +54,16 @@ def context_of(scene: BlobScene, photos: Photos, detector: FakeDetector, **given
     return SegmentationContext(views, photos, scene.labels, SETTINGS, lambda: detector, **given)  # type: ignore[arg-type, return-value]
 
 
-def iou(one: np.ndarray, other: np.ndarray) -> float:
-    return float((one & other).sum() / (one | other).sum())
-
-
 @pytest.mark.parametrize("kind", [FakeDetector, BoxDetector], ids=["describes crops", "finds boxes"])
 def test_each_object_is_a_proposal_and_a_text_chooses_those_that_look_like_it(
     kind: type[FakeDetector], blobs: BlobScene, photos: Photos
 ) -> None:
     context = context_of(blobs, photos, kind(blobs))
     looks = build_looks(context)
-    best = {part: int(np.argmax([iou(one, blobs.part == part) for one in looks.members])) for part in (RED, TWIN, BLUE)}
-    assert all(iou(looks.members[k], blobs.part == part) > 0.9 for part, k in best.items())
+    best = {
+        part: int(np.argmax([mask_iou(one, blobs.part == part) for one in looks.members])) for part in (RED, TWIN, BLUE)
+    }
+    assert all(mask_iou(looks.members[k], blobs.part == part) > 0.9 for part, k in best.items())
     assert len(set(best.values())) == 3
     for text, parts in (("blue ball", {BLUE}), ("red ball", {RED, TWIN})):
         scores = looks.scores(text, context)
@@ -84,11 +83,11 @@ def test_evidence_of_a_proposal_is_what_it_consists_of_and_where_a_photo_shows_i
 ) -> None:
     context = context_of(blobs, photos, FakeDetector(blobs))
     looks = build_looks(context)
-    number = int(np.argmax([iou(one, blobs.part == BLUE) for one in looks.members]))
+    number = int(np.argmax([mask_iou(one, blobs.part == BLUE) for one in looks.members]))
     item = looks.evidence(number, 0.7, context)
     assert item.score == 0.7 and item.members is not None
     np.testing.assert_array_equal(item.members, looks.members[number])
-    assert iou(item.view.to_photo(item.mask), blobs.labels[item.view.camera.photo] == BLUE) > 0.8
+    assert mask_iou(item.view.to_photo(item.mask), blobs.labels[item.view.camera.photo] == BLUE) > 0.8
 
 
 def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photos, tmp_path: Path) -> None:
@@ -167,7 +166,7 @@ def test_of_versions_that_score_nearly_as_much_the_likeliest_whole_is_the_answer
     found = find_objects(context, TextPrompt("blue ball"))
     assert len(found) == len(expected)
     for one, part in zip(found, expected, strict=True):
-        assert iou(one.members, np.isin(blobs.part, part)) > 0.8
+        assert mask_iou(one.members, np.isin(blobs.part, part)) > 0.8
         assert one.score == max(scores)
 
 

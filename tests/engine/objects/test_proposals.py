@@ -9,6 +9,7 @@ from scipy.special import logit
 
 from engine.core.errors import Cancelled
 from engine.core.events import Event, Progress
+from engine.masks import mask_iou
 from engine.objects.context import SegmentationContext
 from engine.objects.proposals import LEAST_PROBABILITY, Proposals, choose_sets, find_proposals, gains_of
 from engine.objects.settings import BETTER
@@ -28,23 +29,19 @@ def proposals_of(scene: BlobScene) -> Proposals:
     return find_proposals(context_of(scene))
 
 
-def iou(one: np.ndarray, other: np.ndarray) -> float:
-    return float((one & other).sum() / (one | other).sum())
-
-
 def test_each_object_is_a_likely_proposal(blobs: BlobScene) -> None:
     found = proposals_of(blobs)
     assert (found.odds >= logit(LEAST_PROBABILITY) - 1e-6).all() and (np.diff(found.odds) <= 0).all()
     assert found.shown.shape == (len(found.members), len(blobs.labels)) and found.shown.any(axis=1).all()
     for part in (RED, TWIN, BLUE):
-        best = int(np.argmax([iou(one, blobs.part == part) for one in found.members]))
-        assert iou(found.members[best], blobs.part == part) > 0.9
+        best = int(np.argmax([mask_iou(one, blobs.part == part) for one in found.members]))
+        assert mask_iou(found.members[best], blobs.part == part) > 0.9
         assert found.odds[best] > 0
 
 
 def test_a_set_that_many_segments_lead_to_is_one_proposal(blobs: BlobScene) -> None:
     members = proposals_of(blobs).members
-    overlaps = [iou(one, other) for k, one in enumerate(members) for other in members[:k]]
+    overlaps = [mask_iou(one, other) for k, one in enumerate(members) for other in members[:k]]
     assert max(overlaps, default=0.0) <= 0.95
 
 
@@ -53,13 +50,13 @@ def test_what_looks_alike_is_told_by_its_likeliest_version(blobs: BlobScene) -> 
     numbers = np.arange(len(found.members))
     assert (found.like <= numbers).all() and (found.like[found.like] == found.like).all()
     own = found.members[found.like == numbers]
-    assert max((iou(one, other) for k, one in enumerate(own) for other in own[:k]), default=0.0) <= 0.9
+    assert max((mask_iou(one, other) for k, one in enumerate(own) for other in own[:k]), default=0.0) <= 0.9
 
 
 def test_an_object_without_segments_is_a_proposal_by_its_group_but_nothing_is_without_any(blobs: BlobScene) -> None:
     labels = {photo: np.where(label == BLUE, 0, label) for photo, label in blobs.labels.items()}
     found = proposals_of(replace(blobs, labels=labels))
-    assert max(iou(one, blobs.part == BLUE) for one in found.members) > 0.9
+    assert max(mask_iou(one, blobs.part == BLUE) for one in found.members) > 0.9
     assert len(proposals_of(replace(blobs, labels={})).members) == 0
 
 
@@ -80,7 +77,7 @@ def test_what_stands_on_the_floor_is_likelier_an_object_than_the_same_hanging_fr
     standing, hanging = find_proposals(context), find_proposals(UpsideDown(**vars(context)))
     for part in (RED, TWIN, BLUE):
         best = [
-            max(zip((iou(one, blobs.part == part) for one in found.members), found.odds, strict=True))
+            max(zip((mask_iou(one, blobs.part == part) for one in found.members), found.odds, strict=True))
             for found in (standing, hanging)
         ]
         assert min(overlap for overlap, _ in best) > 0.9

@@ -10,6 +10,7 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.core.events import Event, Progress, ignore_events, never_stop
+from engine.masks import mask_iou
 from engine.objects.context import SegmentationContext
 from engine.objects.found import FoundObject
 from engine.objects.lifting import isolate_object
@@ -56,7 +57,7 @@ def find(blobs: BlobScene, tmp_path: Path) -> Callable[..., list[FoundObject]]:
 
 def overlap(found: FoundObject, scene: BlobScene, part: int) -> float:
     members, truth = found.membership >= 0.5, scene.part == part
-    return float((members & truth).sum() / (members | truth).sum())
+    return mask_iou(members, truth)
 
 
 @pytest.mark.parametrize("settings", [SMALL, SMALL_BETTER], ids=["paper", "better"])
@@ -163,7 +164,7 @@ def test_refused_text_reports_what_is_nearest(find, blobs: BlobScene) -> None:
         find(TextPrompt("blue ball"), settings=settings, label_maps=blobs.labels)
     nearest = refusal.value.candidates
     members, truth = nearest[0].members, blobs.part == BLUE
-    assert (members & truth).sum() / (members | truth).sum() > 0.9
+    assert mask_iou(members, truth) > 0.9
     assert [one.score for one in nearest] == sorted((one.score for one in nearest), reverse=True)
 
 
@@ -389,7 +390,7 @@ def test_votes_use_the_projects_label_maps(blobs: BlobScene, tmp_path: Path) -> 
     (record,) = segment(project, ClickPrompt("view_1.png", x, y), "ball", blobs, settings=SMALL_BETTER)
     members = load_membership(project.path, record.id) >= 0.5
     truth = blobs.part == RED
-    assert (members & truth).sum() / (members | truth).sum() > 0.95
+    assert mask_iou(members, truth) > 0.95
 
 
 def test_unknown_word_is_refused_before_any_crop_is_described(find, blobs: BlobScene) -> None:

@@ -18,6 +18,7 @@ from engine.core.errors import Cancelled, FormatError, ObjectError, PromptError
 from engine.core.events import Event, Progress, Warned
 from engine.core.shares import helped_by
 from engine.core.words import split_texts
+from engine.masks import mask_iou
 from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.grounding.detector import PromptCheck
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt
@@ -56,10 +57,6 @@ def point(scene: BlobScene, part: int, photo: str) -> Point:
 
 def members(project: ProjectFolder, name: str) -> np.ndarray:
     return load_membership(project.path, name) >= 0.5
-
-
-def overlap(found: np.ndarray, truth: np.ndarray) -> float:
-    return float((found & truth).sum() / (found | truth).sum())
 
 
 def test_several_texts_are_reported_one_by_one(blobs: BlobScene, project: ProjectFolder) -> None:
@@ -220,7 +217,7 @@ def test_accepted_candidate_becomes_an_object(blobs: BlobScene, project: Project
     unsure = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs))
     (record,) = unsure.accept_candidate(2, None)
     assert record.name == "red ball" and record.prompt["accepted"] is True
-    assert max(overlap(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
+    assert max(mask_iou(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
     with pytest.raises(PromptError, match=r"no candidate 9\. Known: 1 \(red ball\), 2 \(red ball\)"):
         load_candidate(project.path, 9)
 
@@ -267,7 +264,7 @@ def test_accepting_is_not_slowed_down_by_what_renders_trains_or_knows_words(
     subprocess.run([sys.executable, "-c", code, *words], check=True, cwd=ROOT)
     (record,) = list_objects(project.path)
     assert record.fit > 0.9
-    assert max(overlap(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
+    assert max(mask_iou(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
 
 
 def test_accepting_a_picture_of_a_stored_object_stores_no_second_one(blobs: BlobScene, project: ProjectFolder) -> None:
@@ -314,7 +311,7 @@ def test_clicks_on_two_things_make_one_object(blobs: BlobScene, project: Project
     first = point(blobs, RED, "view_1.png")
     prompt = ClickPrompt(first.photo, first.x, first.y, (point(blobs, TWIN, second),))
     record = isolate(blobs, project, prompt)
-    assert overlap(members(project, record.id), np.isin(blobs.part, [RED, TWIN])) > 0.9
+    assert mask_iou(members(project, record.id), np.isin(blobs.part, [RED, TWIN])) > 0.9
     assert [click["photo"] for click in record.prompt["clicks"]] == ["view_1.png", second]
 
 
@@ -325,7 +322,7 @@ def test_what_a_negative_click_hits_is_removed(blobs: BlobScene, project: Projec
     prompt = ClickPrompt(first.photo, first.x, first.y, (point(blobs, TWIN, "view_2.png"),), (unwanted,))
     sam = FakeSam(blobs)
     record = isolate(blobs, project, prompt, sam=sam)
-    assert overlap(members(project, record.id), blobs.part == RED) > 0.9
+    assert mask_iou(members(project, record.id), blobs.part == RED) > 0.9
     assert record.prompt["not"] == [{"photo": photo, "x": unwanted.x, "y": unwanted.y}]
     told = [labels for name, _, labels, _ in sam.asked if name == "view_1.png" and labels is not None]
     assert any(0.0 in labels for labels in told) == (photo == "view_1.png")
@@ -336,10 +333,10 @@ def test_box_and_mask_take_negative_clicks_too(blobs: BlobScene, project: Projec
     Image.fromarray((both * 255).astype(np.uint8)).save(tmp_path / "mask.png")
     unwanted = (point(blobs, BLUE, "view_4.png"),)
     record = isolate(blobs, project, MaskPrompt("view_4.png", tmp_path / "mask.png", unwanted))
-    assert overlap(members(project, record.id), blobs.part == RED) > 0.9
+    assert mask_iou(members(project, record.id), blobs.part == RED) > 0.9
     box = box_of(blobs.labels["view_2.png"] == BLUE)
     record = isolate(blobs, project, BoxPrompt("view_2.png", *box, (point(blobs, RED, "view_2.png"),)))
-    assert overlap(members(project, record.id), blobs.part == BLUE) > 0.9
+    assert mask_iou(members(project, record.id), blobs.part == BLUE) > 0.9
 
 
 def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) -> None:
@@ -352,13 +349,13 @@ def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) 
     np.testing.assert_array_equal(detailed.rows, np.flatnonzero(members(project, "ball")))
     added = point(blobs, BLUE, "view_5.png")
     more = segmenter_of(project, blobs, SMALL).refine("ball", [added], [])
-    assert overlap(members(project, "ball"), np.isin(blobs.part, [RED, BLUE])) > 0.9
+    assert mask_iou(members(project, "ball"), np.isin(blobs.part, [RED, BLUE])) > 0.9
     left = load_detailed(project.path, "ball")
     assert left is not None
     # What was added is as in the scene, and what stayed keeps its detail.
     assert set(left.rows) == set(detailed.rows) & set(np.flatnonzero(members(project, "ball")))
     less = segmenter_of(project, blobs, SMALL).refine("ball", [], [point(blobs, RED, "view_6.png")])
-    assert overlap(members(project, "ball"), blobs.part == BLUE) > 0.9
+    assert mask_iou(members(project, "ball"), blobs.part == BLUE) > 0.9
     rest = load_detailed(project.path, "ball")
     assert rest is None or set(rest.rows) <= set(np.flatnonzero(members(project, "ball")))
     assert [record.id for record in list_objects(project.path)] == ["ball"]
@@ -368,7 +365,7 @@ def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) 
     thrown = [(one.name, one.why) for one in list_trash(project.path)]
     assert sorted(thrown) == [("ball", "corrected"), ("ball", "corrected"), ("ball", "detailed")]
     restore_object(project, "1")
-    assert overlap(members(project, "ball-2"), blobs.part == RED) > 0.8
+    assert mask_iou(members(project, "ball-2"), blobs.part == RED) > 0.8
 
 
 def dim(project: ProjectFolder, blobs: BlobScene) -> None:
@@ -608,4 +605,4 @@ def test_words_are_answered_from_what_is_stored_where_the_photos_are_gone(
             red, _, blue = np.asarray(picture, np.float64).reshape(-1, 3).max(axis=0)
         assert max(red, blue) > 100, "the scene is shown in place of the photo"
     (record,) = segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], None)[0]
-    assert overlap(members(project, record.id), blobs.part == BLUE) > 0.95
+    assert mask_iou(members(project, record.id), blobs.part == BLUE) > 0.95

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import PromptError
+from engine.masks import mask_iou
 from engine.objects.prompts import ClickPrompt, TextPrompt
 from engine.objects.settings import BETTER
 from engine.objects.teaching import taught_word
@@ -68,7 +69,7 @@ def test_clicked_and_named_object_is_found_by_its_word_in_another_project_that_l
     assert [one.word for one in own.examples()] == ["orb"]
     (found,) = ask(blobs, second, "the orbs", own)
     truth, members = blobs.part == BLUE, load_membership(second.path, found.id) >= 0.5
-    assert (members & truth).sum() / (members | truth).sum() > 0.95
+    assert mask_iou(members, truth) > 0.95
     with pytest.raises(PromptError, match="not known"):
         ask(blobs, second, "orb", None)
 

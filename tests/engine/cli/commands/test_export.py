@@ -34,15 +34,9 @@ from engine.scene.detailed import Detailed
 from engine.training import save_gaussians
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud
-from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 ROOT = Path(__file__).resolve().parents[4]
-
-
-@pytest.fixture
-def scene(blobs: BlobScene, tmp_path: Path) -> Path:
-    return trained_project(blobs, tmp_path).path
 
 
 def write(capsys: pytest.CaptureFixture[str], kind: str, scene: Path, out: Path, *more: str) -> Answer:

@@ -10,13 +10,7 @@ import pytest
 from engine.project.folder import ProjectFolder
 from engine.scene import load_measurement
 from tests.engine.command_line import Answer, call
-from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import RED, TWIN, BlobScene
-
-
-@pytest.fixture
-def scene(blobs: BlobScene, tmp_path: Path) -> Path:
-    return trained_project(blobs, tmp_path).path
 
 
 def measure(capsys: pytest.CaptureFixture[str], scene: Path, *words: object) -> Answer:

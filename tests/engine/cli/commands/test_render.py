@@ -10,20 +10,15 @@ import pytest
 from PIL import Image
 
 from engine.cameras import covering_pinhole
+from engine.masks import mask_iou
 from engine.pictures.render import render_view
 from engine.project.objects import ObjectRecord, save_object
 from engine.rasterizer.gpu import Gpu
 from engine.scene import PinholeCamera
 from tests.engine.command_line import Answer, call
-from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 SENTENCE = "tests use no graphics card"
-
-
-@pytest.fixture
-def scene(blobs: BlobScene, tmp_path: Path) -> Path:
-    return trained_project(blobs, tmp_path).path
 
 
 def render(capsys: pytest.CaptureFixture[str], scene: Path, out: Path, *more: str) -> Answer:
@@ -70,7 +65,7 @@ def test_several_views_and_objects_are_rendered_in_one_call(
     for name, part in zip(names, (RED, TWIN, RED, TWIN), strict=True):
         shown = np.asarray(Image.open(tmp_path / "pictures" / name)) > 0
         truth = blobs.labels[f"{name.split('-')[0]}.png"] == part
-        assert (shown & truth).sum() / (shown | truth).sum() > 0.8
+        assert mask_iou(shown, truth) > 0.8
     assert "already exists" in call(capsys, "render", scene, *wanted, "--out", tmp_path / "pictures").error
     assert "Choose a folder" in call(capsys, "render", scene, *wanted, "--out", tmp_path / "one.png").error
 
@@ -93,7 +88,7 @@ def test_click_in_any_rendered_view_gives_the_mask_of_the_object_there(
     shown = np.asarray(Image.open(out)) > 0
     elsewhere = PinholeCamera(moved, frame.K, frame.width, frame.height)
     truth = render_view(blobs.gaussians, elsewhere, what="mask", members=blobs.part == BLUE) > 0
-    assert (shown & truth).sum() / (shown | truth).sum() > 0.9
+    assert mask_iou(shown, truth) > 0.9
     outside = call(capsys, "render", scene, *arguments[:-3], "9999,1", "--out", tmp_path / "other.png")
     assert "outside of the picture" in outside.error and outside.code != 0
 

@@ -26,11 +26,6 @@ from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 
 
 @pytest.fixture
-def scene(blobs: BlobScene, tmp_path: Path) -> Path:
-    return trained_project(blobs, tmp_path).path
-
-
-@pytest.fixture
 def blue(blobs: BlobScene, tmp_path: Path) -> str:
     """The mask of the blue ball for `--mask`, which needs no model."""
     mask = (blobs.labels["view_1.png"] == BLUE).astype(np.uint8) * 255
