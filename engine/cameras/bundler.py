@@ -37,6 +37,11 @@ def bundler_in_child(source: str, target: str, what: str) -> dict[str, Any]:
         The Bundler file, and the file for arrays.
     what : str
         For messages.
+
+    Raises
+    ------
+    CameraError
+        When the file is damaged, or no list names its pictures.
     """
     file = Path(source)
     words = read_bytes(file, max_bytes=_MAX_BYTES, advice=_ADVICE).split(b"\n", 1)[-1].split()

@@ -37,6 +37,11 @@ def metashape_in_child(source: str, target: str, what: str) -> dict[str, Any]:
         The XML file, and the file for arrays.
     what : str
         For messages.
+
+    Raises
+    ------
+    CameraError
+        When the file is damaged, or has lenses or poses that cannot be used.
     """
     root = parsed_xml(Path(source), _ADVICE)
     chunks = [root] if root.tag == "chunk" else [chunk for chunk in root.iter("chunk") if not _is_off(chunk)]

@@ -63,6 +63,11 @@ def csv_in_child(source: str, target: str, what: str) -> dict[str, Any]:
         The CSV file, and the file for arrays.
     what : str
         For messages.
+
+    Raises
+    ------
+    CameraError
+        When the file is damaged, or has lenses or poses that cannot be used.
     """
     try:
         rows = _rows(read_bytes(Path(source), max_bytes=_MAX_BYTES, advice=_CSV_ADVICE))
@@ -150,6 +155,11 @@ def xmp_in_child(source: list[str], target: str, what: str) -> dict[str, Any]:
         The file for arrays.
     what : str
         For messages.
+
+    Raises
+    ------
+    CameraError
+        When the file is damaged, or has lenses or poses that cannot be used.
     """
     images: list[tuple[str, int, str]] = []
     lenses: list[dict[str, float]] = []

@@ -27,7 +27,10 @@ def viewmat_of(image: pycolmap.Image) -> Float64:
 
 
 def camera_in_photo(photo: str, lens: pycolmap.Camera, width: int, height: int, viewmat: Float64) -> Camera:
-    """Return a `Camera` with the parameters of `lens`, which belongs to a copy, scaled to pixels of the photo."""
+    """Return a `Camera` with the parameters of `lens`, which belongs to a copy, scaled to pixels of the photo.
+
+    `width` and `height` are those of the photo, `viewmat` is world-to-camera, [4, 4].
+    """
     scaled = copy.deepcopy(lens)
     if (scaled.width, scaled.height) != (width, height):
         scaled.rescale(width, height)

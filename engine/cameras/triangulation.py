@@ -74,7 +74,10 @@ def triangulate(
 
 
 def posed_model(workspace: SfmWorkspace, by_photo: dict[str, Camera], similarity: Float64) -> pycolmap.Reconstruction:
-    """Return a model with the given poses, and with the lenses and ids of the database."""
+    """Return a model with the given poses, and with the lenses and ids of the database.
+
+    `similarity`, [4, 4], takes the world of the model to that of the poses.
+    """
     model = pycolmap.Reconstruction()
     with opened_database(workspace.database) as database:
         for lens in database.read_all_cameras():

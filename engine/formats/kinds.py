@@ -56,8 +56,8 @@ def read_other(path: Path, kind: str, decode: DecodePicture, *, up: Up | None = 
 
     Raises
     ------
-    HeritageError
-        See the readers.
+    FormatError
+        When nothing here reads this kind, or the file is damaged; see the readers.
     """
     read = format_of(kind).read
     if read is None:

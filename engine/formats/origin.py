@@ -44,7 +44,7 @@ def moved_far(gaussians: Gaussians, matrix: Float64) -> bool:
 
 
 def require_near(gaussians: Gaussians, matrix: Float64 | None, path: object) -> None:
-    """Raise `FormatError` for a file of float32 numbers whose `matrix` would take the Gaussians too far away."""
+    """Raise `FormatError` where `matrix`, [4, 4], takes the Gaussians too far away for a file of float32 numbers."""
     if matrix is not None and moved_far(gaussians, matrix):
         place = ", ".join(f"{value:.0f}" for value in matrix[:3, 3])
         raise FormatError(

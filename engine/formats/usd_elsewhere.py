@@ -38,8 +38,8 @@ def write_usd_elsewhere(
 
     Raises
     ------
-    HeritageError
-        As `write_usd`, and when the other process fails.
+    DiskError
+        When the other process fails; otherwise as `write_usd`.
     """
     with tempfile.TemporaryDirectory() as folder:
         source = Path(folder) / "gaussians.ply"

@@ -114,7 +114,7 @@ def halo(predicted: Mask, truth: Mask) -> float:
 
 
 def stray(predicted: Mask, truth: Mask) -> float:
-    """Return the predicted pixels farther outside of the truth than `halo` counts, divided by the true pixels."""
+    """Return the share of predicted pixels farther outside of the truth than `halo` counts; see there."""
     return _outside(predicted, truth, near=False)
 
 

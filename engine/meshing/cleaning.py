@@ -78,7 +78,7 @@ def kept_faces(vertices: Float64, faces: Int32, seen: Mask, *, watertight: bool)
 
 
 def used_vertices(vertices: Float64, faces: Int32) -> tuple[Float64, Int32]:
-    """Return the vertices that triangles use, and the triangles with their new numbers."""
+    """Return the vertices [V, 3] that triangles [F, 3] use, and the triangles with their new numbers."""
     used, numbers = np.unique(faces, return_inverse=True)
     return vertices[used], numbers.reshape(-1, 3).astype(np.int32)
 
@@ -98,7 +98,7 @@ def vertex_normals(vertices: Float64, faces: Int32) -> Float32:
 
 
 def separated(vertices: Float64, faces: Int32) -> Float64:
-    """Return the vertices with no two at the same place in single precision.
+    """Return the vertices [V, 3] of triangles [F, 3] with no two at the same place in single precision.
 
     Collapses may put vertices of touching sheets there. Programs that join vertices at the same place, as all that read
     STL, would find edges of four triangles. They are moved towards their neighbours, which differ.

@@ -88,6 +88,11 @@ def call_in_child(
     """Return ``function(path, **arguments)``, called in a child process with limits; see `call_within_bounds`.
 
     The arguments are JSON values.
+
+    Raises
+    ------
+    PhotoError
+        When the file is damaged, or takes more memory or time than one of its size needs.
     """
     name = visible(path.name)
     cpu_seconds = _CPU_SECONDS + _CPU_SECONDS_PER_BYTE * max(0, path.stat().st_size - 10_000_000)

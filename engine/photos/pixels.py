@@ -145,7 +145,18 @@ def photo_errors(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Image, tuple[int, int]]]:
-    """Yield the picture, whose pixels are not decoded yet, and its full size."""
+    """Yield the picture, whose pixels are not decoded yet, and its full size.
+
+    Parameters
+    ----------
+    max_side : int or None
+        Longest side in pixels that is needed: JPEG is decoded at the nearest size above it. None: the full size.
+
+    Raises
+    ------
+    PhotoError
+        When the file is no picture that can be read safely; the message says what to do.
+    """
     _require_file(path)
     # Pillow's OSError about a damaged picture must not count as one of the file system.
     with opened(path, advice="Check its permissions.") as stream, photo_errors(path), without_pillow_warnings():

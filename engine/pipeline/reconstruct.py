@@ -107,8 +107,10 @@ def reconstruct(
 
     Raises
     ------
+    ProjectError
+        When `out` is the folder of the photos, or no project folder.
     HeritageError
-        One of its subclasses, with a sentence for the user. What was done until then is kept.
+        Another of its subclasses, with a sentence for the user. What was done until then is kept.
     """
     if out.resolve() == photos.resolve():
         raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")

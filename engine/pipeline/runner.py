@@ -55,6 +55,11 @@ class StageRunner:
         `settings` are the parameters of the stage, recorded with versions, commit and time.
 
         Outputs that are damaged or missing are said, and deleted before `compute` makes them again.
+
+        Raises
+        ------
+        Cancelled
+            When `should_stop` returned True before the stage began; otherwise what `compute` raises.
         """
         if self.should_stop():
             raise Cancelled(f"Stopped before the stage {stage!r}. Run the same command again to continue.")

@@ -147,7 +147,7 @@ def rotation_matrix(w: float, x: float, y: float, z: float, r: Float64) -> None:
 
 @njit(**INNER)
 def camera_point(g: int, means: Float32, camera: Float64) -> tuple[float, float, float]:
-    """Return the mean of Gaussian `g` in camera space: x right, y down, z forward."""
+    """Return the mean of Gaussian `g` in camera space: x right, y down, z forward. `camera` holds R, then t at 9."""
     x = np.float64(means[g, 0])
     y = np.float64(means[g, 1])
     z = np.float64(means[g, 2])
@@ -190,7 +190,7 @@ def screen_axes(g: int, scales: Float32, r: Float64, q: Float64, m: Float64) -> 
 
 @njit(**INNER)
 def covariance(m: Float64) -> tuple[float, float, float, float, float, float]:
-    """Return xx, xy, yy of M M^T, and the cross product of the rows of M, whose squared length is the determinant."""
+    """Return xx, xy, yy of M M^T for M [2, 3], and the cross product of the rows of M, whose squared length is the determinant."""
     xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
     xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
     yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]

@@ -90,7 +90,7 @@ def photo_pixels(camera: Camera, directions: Float64) -> Float64:
 
 
 def lens_pixels(lens: Lens, directions: Float64) -> Float64:
-    """Return what `photo_pixels` returns, for a lens without a photo; its model must be known."""
+    """Return what `photo_pixels` returns for directions [N, 2], for a lens without a photo; its model must be known."""
     pixels = _project(lens, directions)
     angles, reaches = _turning_points(lens)
     reach = np.interp(np.arctan2(directions[:, 1], directions[:, 0]), angles, reaches)

@@ -130,6 +130,10 @@ def take_in_video(project: WebProject, upload: Path, filename: str, sha256: str)
 
     Raises
     ------
+    FormatError
+        When it is no video.
+    NotFound
+        When the project has been deleted.
     ProjectError
         When the project has this video already, or the Live Photo that it belongs to.
     DiskError

@@ -154,7 +154,13 @@ def new_object(
 
 
 def merge_objects(target: bpy.types.Object, others: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> int:
-    """Add the Gaussians of `others` to `target`, delete the others, and return how many Gaussians are new in it."""
+    """Add the Gaussians of `others` to `target`, delete the others, and return how many Gaussians are new in it.
+
+    Raises
+    ------
+    ObjectError
+        When the objects belong to different projects.
+    """
     whole = whole_of(target, scene)
     if any(project_of(other.heritage) != project_of(target.heritage) for other in others):
         raise ObjectError("Objects of different projects cannot be merged. Select objects of one project.")

@@ -83,7 +83,7 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
 
 
 def scene_points(scene: bpy.types.Scene, points: Sequence[Float64]) -> list[Point]:
-    """Return points of Blender's world as positions in the normalised world of the project.
+    """Return points [3] of Blender's world as positions in the normalised world of the project.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def follow_measurements(scene: bpy.types.Scene, obj: bpy.types.Object, key: str 
 
 
 def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.types.Object:
-    """Add a line between two points of Blender's world, named after its length."""
+    """Add a line between two points [3] of Blender's world, named after its length."""
     mesh = bpy.data.meshes.new("Ruler")
     mesh.from_pydata([(0.0, 0.0, 0.0), (second - first).tolist()], [(0, 1)], [])
     ruler = bpy.data.objects.new(length_text(scene, float(np.linalg.norm(second - first))), mesh)

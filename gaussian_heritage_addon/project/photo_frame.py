@@ -97,7 +97,7 @@ def apply_orientation(picture: NDArray[Any], orientation: int) -> NDArray[Any]:
 
 
 def remove_distortion(picture: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """Return a photo without the lens distortion of `camera`. It may have any size, and keeps it.
+    """Return a photo, [H, W, channels], without the lens distortion of `camera`. It may have any size, and keeps it.
 
     Pixels that the photo does not show are 0 in every channel, and so transparent if the fourth is alpha.
     """

@@ -37,7 +37,10 @@ from .placement import apply_measurement, frame_of_whole, placement_properties
 def add_splat_file(
     scene: bpy.types.Scene, file: Path, name: str, frame: NDArray[np.float64] | None = None
 ) -> SplatScene:
-    """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`, whose mesh has `frame`."""
+    """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`.
+
+    `frame`, [4, 4], takes the engine's world to that of the mesh; None: they are the same.
+    """
     gaussians = read_ply(file)
     moved = gaussians if frame is None else moved_gaussians(gaussians, frame)
     splats = SplatScene.create(name, moved, scene.collection, frame=frame)

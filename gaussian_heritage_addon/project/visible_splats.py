@@ -137,7 +137,7 @@ class SplatsInView:
         return cls(tuple(_layer(obj, isolated, names) for obj in shown), names)
 
     def seen(self, origin: Float64, direction: Float64) -> Seen:
-        """Return what a ray of Blender's world meets; `Seen.label` is an index into `names`."""
+        """Return what a ray of Blender's world, as of `seen_on_ray`, meets; `Seen.label` is an index into `names`."""
         return seen_on_ray(self.layers, origin, direction)
 
     def name_of(self, seen: Seen) -> str:

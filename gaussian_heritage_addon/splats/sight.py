@@ -143,7 +143,7 @@ class Seen:
 
 
 def seen_on_ray(layers: Sequence[SplatLayer], origin: Float64, direction: Float64) -> Seen:
-    """Return what the ray from `origin` along the unit vector `direction`, in the world, meets in `layers`.
+    """Return what the ray from `origin` along the unit vector `direction`, both [3], in the world, meets in `layers`.
 
     Raises
     ------

@@ -56,7 +56,8 @@ def selectable_splats(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def object_seen(objects: list[bpy.types.Object], ray: tuple[Float64, Float64]) -> tuple[bpy.types.Object | None, float]:
-    """Return which of `objects` the eye sees along a ray of Blender's world, and the distance of its surface.
+    """Return which of `objects` the eye sees along a ray of Blender's world (origin and unit direction), and the
+    distance of its surface.
 
     The distance is infinite where more than half of the light passes. No object is seen where almost all passes.
     """

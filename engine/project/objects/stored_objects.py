@@ -29,7 +29,13 @@ def list_objects(project: Path) -> list[ObjectRecord]:
 
 
 def load_object(project: Path, name: str) -> ObjectRecord:
-    """Return the object with the id `name`, else the one with that name, else the one with it in another case."""
+    """Return the object with the id `name`, else the one with that name, else the one with it in another case.
+
+    Raises
+    ------
+    ObjectError
+        When the project has no object, or none of that name; the message names what is near.
+    """
     records = list_objects(project)
     if not records:
         raise ObjectError(f"{project} has no objects yet. Isolate one with `segment` first.")
