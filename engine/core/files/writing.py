@@ -67,7 +67,7 @@ def write_problem(path: Path, error: OSError) -> DiskError:
     return DiskError(f"Could not write {path}: {error.strerror or error}. {advice_for(error, path)}")
 
 
-def write_file(path: Path, content: bytes | str) -> None:
+def write_file(path: Path, content: bytes | memoryview | str) -> None:
     """Write `content` to `path`, text as UTF-8; raises as `atomic_write` does."""
     with atomic_write(path, "w" if isinstance(content, str) else "wb") as stream:
         stream.write(content)
