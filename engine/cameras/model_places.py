@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from ..core.errors import CameraError, FormatError
 from ..core.files import opened
@@ -18,10 +19,17 @@ _NUMBERED_PLACES = ("dense/*/sparse",)
 _MAX_PARTS = 100
 """Sub-models of one place that are read."""
 _MAX_FILES = 20_000
+"""Files that are looked at for cameras: more are no folder of cameras."""
 _HEAD_BYTES = 65_536
+"""Bytes of a file that its kind is told from."""
+_SUFFIXES = {".json", ".xml", ".csv", ".txt", ".xmp", ".out"}
+_KNOWN = (
+    "Choose a COLMAP model folder (cameras.bin, images.bin, points3D.bin), a transforms.json, the cameras that "
+    "Metashape exports as XML, or those that RealityCapture or RealityScan exports as CSV or XMP; other programs can "
+    "export a COLMAP model."
+)
 
-Kind = str
-"""One of ``transforms``, ``metashape``, ``csv``, ``xmp`` and ``bundler``."""
+Kind = Literal["transforms", "metashape", "csv", "xmp", "bundler"]
 
 
 @dataclass(frozen=True)
@@ -46,8 +54,7 @@ class Export:
 
     Attributes
     ----------
-    kind : str
-        See `Kind`.
+    kind : Kind
     files : tuple of Path
         At least one; more than one for ``xmp`` only.
     """
@@ -109,7 +116,7 @@ def _numbered_models(folder: Path) -> Iterator[Path]:
 
 
 def _base(folder: Path, model: Path) -> Path:
-    """Return the folder above ``sparse``, in which the pictures of the model lie."""
+    """Return the folder that belongs to the model in `folder`: that above ``sparse``, unless `model` is itself one."""
     return folder.parent if folder.name == "sparse" and folder != model else folder
 
 
@@ -130,13 +137,13 @@ def find_export(model: Path) -> Export:
     """
     if model.is_file():
         # Any JSON that was chosen is read as transforms.json, whose reader says what is wrong with it.
-        kind = _kind_of(model) or ("transforms" if model.suffix.lower() == ".json" else None)
-        if kind is None:
+        chosen = _kind_of(model) or ("transforms" if model.suffix.lower() == ".json" else None)
+        if chosen is None:
             raise CameraError(f"{model} holds no cameras of a known kind. {_KNOWN}")
-        return Export(kind, (model,))
+        return Export(chosen, (model,))
     if not model.exists():
         raise CameraError(f"The camera model {model} does not exist. Choose a COLMAP model folder or transforms.json.")
-    found: dict[str, list[Path]] = {}
+    found: dict[Kind, list[Path]] = {}
     for file in _candidates(model):
         try:
             kind = _kind_of(file)
@@ -147,29 +154,24 @@ def find_export(model: Path) -> Export:
     if not found:
         raise CameraError(f"{model} contains no camera model. {_KNOWN}")
     if "transforms" in found:
-        # A COLMAP project of nerfstudio has one in the folder of its model; others are splits of the same cameras.
+        # nerfstudio writes it beside what it was made from.
         found = {"transforms": found["transforms"]}
-    for kind, files in found.items():
-        if kind != "xmp" and len(files) > 1:
-            named = [file for file in files if file.name == "transforms.json"]
-            if len(named) != 1:
-                raise CameraError(
-                    f"{model} has several files with cameras: {files[0].name} and {files[1].name}. Choose one of them."
-                )
-            files[:] = named
+    found = {kind: files if kind == "xmp" else [_the_one(model, files)] for kind, files in found.items()}
     if len(found) > 1:
         (first, *_), (second, *_) = list(found.values())[:2]
         raise CameraError(f"{model} has cameras of two programs: {first.name} and {second.name}. Choose one of them.")
-    ((kind, files),) = found.items()
-    return Export(kind, tuple(files))
+    ((found_kind, files),) = found.items()
+    return Export(found_kind, tuple(files))
 
 
-_KNOWN = (
-    "Choose a COLMAP model folder (cameras.bin, images.bin, points3D.bin), a transforms.json, the cameras that "
-    "Metashape exports as XML, or those that RealityCapture or RealityScan exports as CSV or XMP; other programs can "
-    "export a COLMAP model."
-)
-_SUFFIXES = {".json", ".xml", ".csv", ".txt", ".xmp", ".out"}
+def _the_one(model: Path, files: list[Path]) -> Path:
+    """Return the only file of a kind, or ``transforms.json``; ``transforms_train.json`` and others are parts of it."""
+    named = [file for file in files if file.name == "transforms.json"]
+    if len(files) > 1 and len(named) != 1:
+        raise CameraError(
+            f"{model} has several files with cameras: {files[0].name} and {files[1].name}. Choose one of them."
+        )
+    return (named if len(files) > 1 else files)[0]
 
 
 def _candidates(folder: Path) -> Iterator[Path]:
@@ -196,13 +198,14 @@ def _kind_of(file: Path) -> Kind | None:
     start = text.lstrip()
     if file.name == "transforms.json" or (start.startswith("{") and '"frames"' in text):
         return "transforms"
-    if start.startswith("<"):
+    if start.startswith("<"):  # XML: XMP of RealityCapture, or the cameras or the project of Metashape
         if "capturingreality.com" in text:
             return "xmp" if "FocalLength35mm" in text else None
         is_metashape = "<chunk" in text or ("<document" in text and "<sensors" in text)
         return "metashape" if is_metashape else None
     if start.startswith("# Bundle file"):
         return "bundler"
+    # RealityCapture writes "#cameras 48" before the names of the columns, which are places in a scene or on a map.
     header = next((line for line in text.splitlines() if line.strip() and not line.startswith("#cameras")), "")
     columns = {column.strip().lower().lstrip("#") for column in header.split(",")}
     return "csv" if {"name", "x", "y"} <= columns or {"name", "lat"} <= columns else None

@@ -36,6 +36,10 @@ MAX_COUNT = 50_000_000
 """Gaussians of a file; more do not fit into pictures of a size that viewers take."""
 PALETTE_WIDTH = 64
 """Entries in a row of the palette of harmonics."""
+_MAX_PALETTE = 65_536
+"""Entries of the palette: labels have 16 bits."""
+_LARGEST_IS_W = 252
+"""Fourth channel of a rotation whose largest component is w; 253 to 255 are x, y and z."""
 _ADVICE = "Copy or export it again."
 _MAX_META = 1 << 20
 _BYTES_PER_PIXEL = 8
@@ -57,6 +61,7 @@ _SCHEMA = {
 }
 
 GetBytes = Callable[[str, int], bytes]
+"""Returns the content of a part by its name; raises `FormatError` where it has more bytes than the second argument."""
 
 
 def read_sog(path: Path, decode: DecodePicture, *, up: Up | None = None) -> Gaussians:
@@ -74,7 +79,7 @@ def read_sog(path: Path, decode: DecodePicture, *, up: Up | None = None) -> Gaus
     Raises
     ------
     FormatError
-        When the file cannot be read, is not SOG, has another version, misses pictures, or has values that cannot be.
+        When the file cannot be read, is not SOG, has another version, misses pictures, or has impossible values.
         Nothing is decoded that is larger than the number of Gaussians explains.
     """
     with _parts(path) as get:
@@ -95,7 +100,7 @@ def read_sog(path: Path, decode: DecodePicture, *, up: Up | None = None) -> Gaus
 
 @contextmanager
 def _parts(path: Path) -> Iterator[GetBytes]:
-    """Yield a function that returns the content of a part, by its name, of at most so many bytes."""
+    """Yield a function that returns the content of a part by its name, and refuses one that is too large."""
     if path.suffix.lower() == ".json":
 
         def beside(name: str, most: int) -> bytes:
@@ -124,7 +129,7 @@ class _Reader:
 
     def gaussians(self) -> Gaussians:
         """Return the Gaussians in the axes of the file."""
-        # The largest picture as bytes and pixels, and the Gaussians with harmonics of degree 3.
+        # The Gaussians with harmonics of degree 3 (59 numbers), and the largest picture as bytes and as pixels.
         require_memory(self._path, self._count * (4 * (11 + 48) + 40))
         with np.errstate(over="ignore", invalid="ignore"):
             means = self._means()
@@ -144,27 +149,27 @@ class _Reader:
     def _damaged(self, what: str) -> FormatError:
         return FormatError(f"{self._path} is a damaged SOG file: {what}. {_ADVICE}")
 
-    def _picture(self, part: str, number: int, most_pixels: int) -> NDArray[np.uint8]:
+    def _picture(self, part: str, index: int, most_pixels: int) -> NDArray[np.uint8]:
         files = self._meta[part]["files"]
-        if len(files) <= number:
-            raise self._damaged(f"`{part}` names {len(files)} pictures")
-        data = self._get(files[number], _BYTES_PER_PIXEL * most_pixels)
+        if len(files) <= index:
+            raise self._damaged(f"`{part}` names {len(files)} pictures instead of {index + 1}")
+        data = self._get(files[index], _BYTES_PER_PIXEL * most_pixels)
         size = picture_size(data)
         if size is None:
-            raise self._damaged(f"{files[number][:80]} is neither WebP nor PNG")
+            raise self._damaged(f"{files[index][:80]} is neither WebP nor PNG")
         if size[0] * size[1] > most_pixels:
-            raise self._damaged(f"{files[number][:80]} has {size[0]} x {size[1]} pixels, which are too many")
+            raise self._damaged(f"{files[index][:80]} has {size[0]} x {size[1]} pixels, which are too many")
         try:
             pixels = self._decode(data)
         except ValueError as error:
-            raise self._damaged(f"{files[number][:80]} cannot be decoded ({error})") from error
+            raise self._damaged(f"{files[index][:80]} cannot be decoded ({error})") from error
         if pixels.shape != (size[1], size[0], 4):
-            raise self._damaged(f"{files[number][:80]} has another size than it states")
+            raise self._damaged(f"{files[index][:80]} has another size than it states")
         return pixels
 
-    def _pixels(self, part: str, number: int = 0) -> NDArray[np.uint8]:
+    def _pixels(self, part: str, index: int = 0) -> NDArray[np.uint8]:
         """Return the pixels of the Gaussians in a picture, [N, 4]."""
-        pixels = self._picture(part, number, 4 * self._count + _SPARE_PIXELS).reshape(-1, 4)
+        pixels = self._picture(part, index, 4 * self._count + _SPARE_PIXELS).reshape(-1, 4)
         if len(pixels) < self._count:
             raise self._damaged(f"`{part}` has {len(pixels)} pixels for {self._count} Gaussians")
         return pixels[: self._count]
@@ -182,16 +187,16 @@ class _Reader:
         logs = low + np.where(high == low, 1.0, high - low) * (steps / 65535)
         return (np.sign(logs) * np.expm1(np.abs(logs))).astype(np.float32)
 
-    def _values(self, part: str, numbers: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Return what the numbers [N, channels] stand for: entries of a codebook, or steps in ranges."""
+    def _values(self, part: str, steps: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the values of steps [N, channels]: indices into a codebook, or 256 steps in a range each."""
         if "codebook" in self._meta[part]:
             book = np.asarray(self._meta[part]["codebook"], np.float64).astype(np.float32)
-            if numbers.size and int(numbers.max()) >= len(book):
-                raise self._damaged(f"the codebook of `{part}` has {len(book)} values, and number {numbers.max()}")
-            return book[numbers]
+            if steps.size and int(steps.max()) >= len(book):
+                raise self._damaged(f"the codebook of `{part}` has {len(book)} values, and index {steps.max()} is used")
+            return book[steps]
         low, high = self._range(part, 4 if part == "sh0" else 3)
-        width = numbers.shape[1]
-        return (low[:width] + (high - low)[:width] * (numbers / 255)).astype(np.float32)
+        width = steps.shape[1]
+        return (low[:width] + (high - low)[:width] * (steps / 255)).astype(np.float32)
 
     def _opacity_logits(self, steps: NDArray[np.uint8]) -> NDArray[np.float32]:
         if "codebook" in self._meta["sh0"]:
@@ -201,17 +206,19 @@ class _Reader:
 
     def _harmonics(self) -> NDArray[np.float32]:
         """Return the coefficients of the bands above 0, [N, coefficients, 3]."""
-        most = 65_536
-        palette = self._picture("shN", 0, most * 15)
+        palette = self._picture("shN", 0, _MAX_PALETTE * 15)
         height, width = palette.shape[:2]
         n_rest = next((n for n in (3, 8, 15) if width == PALETTE_WIDTH * n), 0)
         bands = self._meta["shN"].get("bands")
         if not n_rest or (bands is not None and (bands + 1) ** 2 - 1 != n_rest):
-            raise self._damaged(f"the palette of `shN` is {width} pixels wide, for harmonics of degree {bands}")
+            wanted = "1 to 3" if bands is None else bands
+            raise self._damaged(f"the palette of `shN` is {width} pixels wide, for harmonics of degree {wanted}")
         labels = self._pixels("shN", 1)
         rows = labels[:, 0].astype(np.intp) | labels[:, 1].astype(np.intp) << 8
         if int(rows.max()) >= PALETTE_WIDTH * height:
-            raise self._damaged(f"the palette of `shN` has {PALETTE_WIDTH * height} entries, and number {rows.max()}")
+            raise self._damaged(
+                f"the palette of `shN` has {PALETTE_WIDTH * height} entries, and index {rows.max()} is used"
+            )
         entries = palette[..., :3].reshape(-1, 3)
         if "codebook" in self._meta["shN"]:
             values = self._values("shN", entries)
@@ -223,7 +230,7 @@ class _Reader:
 
 def _rotations(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return quaternions wxyz of unit length, [N, 4]; the identity where no component is said to be the largest."""
-    largest = pixels[:, 3].astype(int) - 252
+    largest = pixels[:, 3].astype(int) - _LARGEST_IS_W
     known = largest >= 0
     three = (pixels[:, :3] / np.float32(255) * 2 - 1) * np.float32(0.5**0.5)
     others = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])[np.maximum(largest, 0)]

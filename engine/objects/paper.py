@@ -34,7 +34,7 @@ from .settings import MEMBER_THRESHOLD, PaperSettings
 from .views import View, erode_mask, spread_cameras
 from .votes import MaskEvidence, count_votes
 
-log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 _LIKE_THE_CLICK = 0.5
 """Share of a mask's pixels that must be like the clicked one for its feature to be the first direction: a single pixel
@@ -287,7 +287,7 @@ def inside_hull(corners: Float32, points: Float32) -> Mask:
     try:
         hull = ConvexHull(corners.astype(np.float64))
     except (QhullError, ValueError):
-        log.info("The %d Gaussians found are on one plane and have no convex hull to fill.", len(corners))
+        _LOG.info("The %d Gaussians found are on one plane and have no convex hull to fill.", len(corners))
         return inside
     near = np.flatnonzero(((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1))
     for face in hull.equations:

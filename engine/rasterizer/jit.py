@@ -19,7 +19,7 @@ import numba  # noqa: E402
 
 from ..core.system import takes_path  # noqa: E402
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 LONGEST_PATH = PurePath("rasterizer_" + "0" * 40, "x" * 120)
 """A path as long as the longest of a file that Numba stores: folder of the package with its hash, name of the kernel with
@@ -52,7 +52,7 @@ def _takes_kernels(folder: Path) -> bool:
             return True
     except OSError as problem:
         why = str(problem)
-    _log.warning("compiled kernels cannot be stored in %s (%s); every start compiles them again", folder, why)
+    _LOG.warning("compiled kernels cannot be stored in %s (%s); every start compiles them again", folder, why)
     return False
 
 

@@ -24,7 +24,7 @@ from ..rasterizer import (
 from .adam import AdamState, adam_step
 from .losses import photometric_loss
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 def compile_kernels() -> None:
@@ -44,7 +44,7 @@ def compile_kernels() -> None:
             try:
                 helper.result()
             except HeritageError as error:
-                _log.warning("the second compiling process failed, this one does its work: %s", error)
+                _LOG.warning("the second compiling process failed, this one does its work: %s", error)
         compile_second_half()
     if JIT["cache"]:
         marker.touch()

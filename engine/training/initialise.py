@@ -21,7 +21,7 @@ from ..core.events import Emit, Warned, ignore_events
 from ..formats import SH_C0
 from ..scene import Gaussians, PinholeCamera, unit_quats
 
-logger = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 FeatureInit = Literal["unit", "paper"]
 
@@ -210,7 +210,7 @@ def _usable_points(points: ArrayLike, colors: ArrayLike) -> tuple[Float64, Float
         raise ValueError(f"{len(places)} points and {len(tints)} colours")
     finite = np.isfinite(places).all(axis=1)
     if not finite.all():
-        logger.warning("%d sparse points are not finite and were ignored", int((~finite).sum()))
+        _LOG.warning("%d sparse points are not finite and were ignored", int((~finite).sum()))
     places, tints = places[finite], tints[finite]
     _, first = np.unique(places.astype(np.float32), axis=0, return_index=True)
     kept = np.sort(first)

@@ -34,7 +34,7 @@ from .views import (
     photo_pair,
 )
 
-log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 SHEET_FILE = "objects.png"
 """Name of the picture of all objects."""
@@ -123,7 +123,7 @@ def _held_out_pairs(
         try:
             pairs[name] = photo_pair(folder, cameras[name], gaussians, coverage, backend=backend)
         except (PhotoError, FormatError) as error:
-            log.warning("The report shows no picture of %s: %s", name, error)
+            _LOG.warning("The report shows no picture of %s: %s", name, error)
     return pairs
 
 
@@ -139,7 +139,7 @@ def _object_pictures(
         try:
             alone[record.id] = object_gaussians(project.path, record, gaussians)
         except ObjectError as error:
-            log.warning("The report shows no picture of %s: %s", record.name, error)
+            _LOG.warning("The report shows no picture of %s: %s", record.name, error)
             continue
         members.append(load_membership(project.path, record.id) >= record.threshold)
     sides = best_seen_from(Scene(gaussians, backend=backend), members, list(cameras.values()))

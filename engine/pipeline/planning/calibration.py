@@ -20,7 +20,7 @@ from ...core.files import check, optional, read_json, write_json
 from ...core.system import Machine
 from ...project.folder import stage_key
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 CALIBRATION_VARIABLE = "GAUSSIAN_HERITAGE_CALIBRATION"
 """Environment variable with the path of the calibration file, for another place than the user's cache folder."""
@@ -31,6 +31,8 @@ _PACKAGES = ("torch", "numba", "numpy", "pycolmap", "onnxruntime")
 """Packages whose versions are part of the key."""
 _NEW_OUTCOME_WEIGHT = 0.4  # chosen on museum_room, sakharov_statue32
 """Weight of a new outcome in the mean. The first outcomes weigh more, see `Correction.updated`."""
+_FIRST_OUTCOMES = 1.4
+"""Runs that the prior counts as, so that the first outcome does not replace it whole."""
 _MAX_LOG_RATIO = math.log(8.0)  # chosen on museum_room, sakharov_statue32
 """Largest |log(actual / formula)| that is used. Beyond it the cause is not the machine's speed: the run was paused, or
 part of the stage was reused from an earlier run."""
@@ -40,7 +42,8 @@ _MIN_SECONDS = 2.0  # chosen on museum_room, sakharov_statue32
 """Shortest stage that is used, in seconds. In shorter ones the start-up dominates."""
 
 _ENCODING_SHARE = 0.62  # chosen on museum_room
-"""Share of SAM's time for a photo that its encoder takes on the reference machine; the rest decodes clicks."""
+"""Share of SAM's time for a photo that its encoder takes on the reference machine. The rest decodes clicks, which is as
+much slower on another machine as COLMAP is."""
 
 _BENCHMARK = {
     "training_step": float, "features": float, "sam_encode": (float, None), "libraries": (int, None), "rasterizer": str
@@ -97,10 +100,10 @@ class Correction:
 
         Notes
         -----
-        The weight is a = max(0.4, 1 / (n + 1.4)): 0.71 for the first, 0.42 for the second, then 0.4. Mean m and
-        variance v become m + a d and (1 - a) (v + a d^2) for d = ratio - m (Finch 2009, section 4).
+        The weight is a = max(`_NEW_OUTCOME_WEIGHT`, 1 / (n + `_FIRST_OUTCOMES`)). Mean m and variance v become m + a d
+        and (1 - a) (v + a d^2) for d = ratio - m (Finch 2009, section 4).
         """
-        weight = max(_NEW_OUTCOME_WEIGHT, 1.0 / (self.n + 1.4))
+        weight = max(_NEW_OUTCOME_WEIGHT, 1.0 / (self.n + _FIRST_OUTCOMES))
         difference = ratio - self.mean
         return Correction(
             self.mean + weight * difference, (1.0 - weight) * (self.variance + weight * difference**2), self.n + 1
@@ -150,7 +153,7 @@ class Calibration:
     benchmark : Benchmark or None
         None before the first benchmark.
     outcomes : dict
-        Corrections by stage, see `outcome_name`, and quantity: ``cpu``, ``wall`` or ``memory``.
+        Corrections by `outcome_name` and quantity: ``cpu``, ``wall`` or ``memory``.
     n_runs : int
         Number of runs in the corrections.
     """
@@ -161,21 +164,27 @@ class Calibration:
     outcomes: dict[str, dict[str, Correction]] = field(default_factory=dict)
     n_runs: int = 0
 
-    def slowdown(self, stage: str) -> float:
+    def slowdown(self, outcome: str) -> float:
         """Return the CPU time of a stage's kind of work on this machine, divided by that on the reference machine.
 
-        1 for training on a graphics card, whose formula is for the kind of card.
+        Training and the report render: their measure is a training step. All other work is like COLMAP's, but for what
+        SAM encodes. 1 for training on a graphics card, whose formula is for the kind of card.
+
+        Parameters
+        ----------
+        outcome : str
+            By `outcome_name`.
         """
         measured = self.benchmark
-        if measured is None or stage.startswith(_ON_CARD):
+        if measured is None or outcome.startswith(_ON_CARD):
             return 1.0
-        if stage in ("training", "report"):
+        if outcome in ("training", "report"):
             return measured.training_step / REFERENCE.training_step
-        features = measured.features / REFERENCE.features
-        if stage == "masks" and measured.sam_encode is not None:
+        detecting = measured.features / REFERENCE.features
+        if outcome == "masks" and measured.sam_encode is not None:
             assert REFERENCE.sam_encode is not None
-            return _ENCODING_SHARE * measured.sam_encode / REFERENCE.sam_encode + (1 - _ENCODING_SHARE) * features
-        return features
+            return _ENCODING_SHARE * measured.sam_encode / REFERENCE.sam_encode + (1 - _ENCODING_SHARE) * detecting
+        return detecting
 
     @property
     def extra_library_memory(self) -> int:
@@ -185,24 +194,25 @@ class Calibration:
         assert REFERENCE.libraries is not None
         return self.benchmark.libraries - REFERENCE.libraries
 
-    def correction(self, stage: str, quantity: str) -> Correction:
-        """Return the correction of a stage's formula for ``cpu``, ``wall`` or ``memory``."""
-        known = self.outcomes.get(stage, {}).get(quantity)
-        return known or Correction(0.0, _deviations(stage)[quantity] ** 2)
+    def correction(self, outcome: str, quantity: str) -> Correction:
+        """Return the correction of a formula for ``cpu``, ``wall`` or ``memory``: before any run, none with the usual
+        deviation."""
+        known = self.outcomes.get(outcome, {}).get(quantity)
+        return known or Correction(0.0, _deviations(outcome)[quantity] ** 2)
 
-    def add_outcome(self, stage: str, quantity: str, *, formula: float, actual: float | None) -> None:
+    def add_outcome(self, outcome: str, quantity: str, *, formula: float, actual: float | None) -> None:
         """Add one outcome to the corrections. An outcome that says nothing about the formula is ignored."""
         if actual is None or not (formula > 0.0 and actual > 0.0):
             return
         if quantity != "memory" and max(formula, actual) < _MIN_SECONDS:
             return
         ratio = math.log(actual / formula)
-        if abs(ratio) > _max_log_ratio(stage):
-            _log.info(
-                "%s took %.3g times the expected %s; this run does not correct it", stage, math.exp(ratio), quantity
+        if abs(ratio) > _max_log_ratio(outcome):
+            _LOG.info(
+                "%s took %.3g times the expected %s; this run does not correct it", outcome, math.exp(ratio), quantity
             )
             return
-        self.outcomes.setdefault(stage, {})[quantity] = self.correction(stage, quantity).updated(ratio)
+        self.outcomes.setdefault(outcome, {})[quantity] = self.correction(outcome, quantity).updated(ratio)
 
     def save(self) -> None:
         """Write the file. A disk error is only logged: the next forecast is then less accurate."""
@@ -218,7 +228,7 @@ class Calibration:
         try:
             write_json(self.file, {"version": _VERSION, "machines": machines})
         except DiskError as error:
-            _log.warning("The time and memory of this run cannot be kept for the next forecast: %s", error)
+            _LOG.warning("The time and memory of this run cannot be kept for the next forecast: %s", error)
 
 
 def calibration_file() -> Path:
@@ -276,14 +286,14 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         data = read_json(file, {"version": int, "machines": optional(dict)}, advice="This machine is measured again.")
     except FormatError as error:
-        _log.warning("%s", error)
+        _LOG.warning("%s", error)
         return {}
     if data["version"] != _VERSION or "machines" not in data:
-        _log.warning("%s has another version; this machine is measured again", file)
+        _LOG.warning("%s has another version; this machine is measured again", file)
         return {}
     machines = {key: machine for key, machine in data["machines"].items() if _is_valid(machine)}
     if len(machines) < len(data["machines"]):
-        _log.warning("%s contains unreadable values; their machine is measured again", file)
+        _LOG.warning("%s contains unreadable values; their machine is measured again", file)
     return machines
 
 

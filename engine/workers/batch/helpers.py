@@ -1,5 +1,6 @@
-"""The free workers of a cluster as helpers of an engine that runs on another one; see `engine.core.shares`.
+"""The free workers of a cluster as helpers of an engine that runs on another one.
 
+The classes are the `Helpers`, `Helper` and `HelperCall` of `engine.core.shares`, whose methods are described there.
 What is sent is the arguments of a function, some kilobytes. Everything else is in the shared folders.
 """
 
@@ -32,6 +33,11 @@ class ClusterHelpers:
     ----------
     address : str
         Of the scheduler.
+
+    Attributes
+    ----------
+    begun : set of str
+        Keys of the tasks that a worker has begun with.
     """
 
     def __init__(self, address: str) -> None:
@@ -42,17 +48,23 @@ class ClusterHelpers:
         self._cores: dict[str, int] = {}
         self._busy: set[str] = set()
         self.begun: set[str] = set()
-        self.failed: set[str] = set()
-        self._client.subscribe_topic(self._topic, lambda event: self.begun.add(event[1]))
+        self._given: list[tuple[str, Future[Any]]] = []
+        self._client.subscribe_topic(self._topic, lambda event: self.begun.add(event[1]))  # time, key
 
     def free(self) -> Sequence[_Worker]:
         """See `Helpers`."""
         self._look()
+        unusable = self._busy | self.failed
         return [
             _Worker(self, address, self._cores[address], int(has.get(MEMORY, 0)))
             for address, has in self._resources.items()
-            if address not in self._busy | self.failed
+            if address not in unusable
         ]
+
+    @property
+    def failed(self) -> set[str]:
+        """Addresses of the workers whose task failed."""
+        return {address for address, future in self._given if future.status == "error"}
 
     def is_connected(self, address: str) -> bool:
         """Return whether a worker is connected."""
@@ -78,12 +90,14 @@ class ClusterHelpers:
     ) -> Future[Any]:
         """Give processes to a worker that has nothing to do, and return their future."""
         self._busy.add(address)
-        return self._client.submit(
-            _call, __version__, self._topic, function, arguments, count, what,
+        future: Future[Any] = self._client.submit(
+            _run_on_worker, __version__, self._topic, function, arguments, count, what,
             key=f"shares-{uuid.uuid4().hex}", workers=[address], resources={MEMORY: need.memory * count},
             # Before stages that wait for the same worker, so that another engine does not wait for them.
             priority=1, pure=False,
         )  # fmt: skip
+        self._given.append((address, future))
+        return future
 
 
 class _Worker:
@@ -112,8 +126,6 @@ class _Call:
     @property
     def works(self) -> bool:
         """See `HelperCall`."""
-        if self._future.status == "error":
-            self._helpers.failed.add(self._address)
         if self._future.done():
             return False
         return self._future.key in self._helpers.begun and self._helpers.is_connected(self._address)
@@ -128,13 +140,13 @@ def _count_cores() -> int:
     return len(given_cores())
 
 
-def _call(version: str, topic: str, function: str, arguments: dict[str, Any], count: int, what: str) -> None:
+def _run_on_worker(version: str, topic: str, function: str, arguments: dict[str, Any], count: int, what: str) -> None:
     """Call a function in child processes of a worker, until they end or nobody waits for them.
 
     Raises
     ------
     RuntimeError
-        When that fails. The engine that asked says what is wrong if it happens there too.
+        When that fails. The engine that asked then does the work itself, and reports what fails there, too.
     """
     worker = get_worker()
     key = worker.get_current_task()
@@ -145,7 +157,7 @@ def _call(version: str, topic: str, function: str, arguments: dict[str, Any], co
         for _ in range(count):
             work.begin(function, arguments, what=what)
         children = work.take()
-        # Dask does not end what it forgets.
+        # Dask forgets a task that was cancelled or whose client is gone, and lets its function run.
         while worker.state.tasks[key].state == "executing" and not all(child.finished for child in children):
             time.sleep(_POLL_SECONDS)
         try:
