@@ -58,7 +58,7 @@ from ..documents import put_into
 from ..rooms.keeping import KEPT_FOLDER, unpack_room
 from .error_curves import ERROR_AND_SECONDS, SETS_AND_RUNS, error_plot, error_table, sets_table
 from .gallery import gallery_views
-from .off_path import OFF_PATH, needles, off_path_figures, off_path_table
+from .off_path import OFF_PATH, TrueView, needles, off_path_figures, off_path_table, read_true_views, write_true_views
 from .photo_sets import ROOT, photo_set
 from .screening.gsplat_training import train_gsplat
 from .screening.jobs import GSPLAT, measured_figures
@@ -143,7 +143,7 @@ def _prepare_rooms(options: argparse.Namespace) -> None:
             views = load_views(room / "photos", cameras, {}, PRESETS["standard"])
             write_views(options.out / f"{name}.npz", cameras, views)
             trained = [view.pinhole for view in views if not view.held_out]
-            write_views(options.out / _TRUE / f"{name}.npz", cameras, true_views(room, cameras, trained))
+            write_true_views(options.out / _TRUE / f"{name}.npz", cameras, true_views(room, cameras, trained))
 
 
 def _prepare_gallery(options: argparse.Namespace) -> None:
@@ -198,7 +198,7 @@ def _measure(job: _Job) -> str:
     """Train, write the figures, and return them as a line."""
     cameras, views = read_views(job.file)
     true_file = job.file.parent / _TRUE / job.file.name
-    true = read_views(true_file)[1] if true_file.exists() else []
+    true = read_true_views(true_file) if true_file.exists() else []
     # What gsplat trains is measured on the processor.
     backend = "cpu" if job.backend == GSPLAT else job.backend
     run_with: Callable[..., dict[str, Any]] = _run_gsplat if job.backend == GSPLAT else partial(_run, true=true)
@@ -257,7 +257,7 @@ def _value(text: str) -> Any:
 
 
 def _run(
-    cameras: CameraSet, views: Sequence[TrainingView], settings: TrainingSettings, *, true: Sequence[TrainingView]
+    cameras: CameraSet, views: Sequence[TrainingView], settings: TrainingSettings, *, true: Sequence[TrueView]
 ) -> dict[str, Any]:
     """Train the views of a set from its sparse points and measure, also in the `true` views where there are any."""
     begun = time.perf_counter()

@@ -1,7 +1,8 @@
 """Views of a random room that no photo has, with their true pictures, which Blender renders.
 
 From some photos' places, the camera goes to half and to one and a half times the distance of what it shows in the
-middle, and 20 degrees higher. Where something is in the way, it goes as far as it can.
+middle, and 20 degrees higher. Where something is in the way, it goes as far as it can; a view is left out if that is
+less than half of the way.
 """
 
 from __future__ import annotations
@@ -24,15 +25,13 @@ from engine.objects.views import spread_cameras
 from engine.scene import Camera, CameraSet, PinholeCamera
 from engine.training import WELL_SEEN, TrainingView
 
-from .off_path import KINDS
+from .off_path import KINDS, N_PLACES, TrueView
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 from places import python_of  # noqa: E402
 
-_N_PLACES = 3
-"""Photos whose places views are made from."""
 _NEAR, _FAR, _RAISED = 0.5, 1.5, 20.0
 """Distances relative to those of the photos, and degrees."""
 _STEEPEST = 80.0
@@ -42,7 +41,7 @@ _MIDDLE = 0.25
 """Points within this part of the picture's sides around its middle are what the photo shows there."""
 
 
-def true_views(room: Path, camera_set: CameraSet, photos: Sequence[PinholeCamera]) -> list[TrainingView]:
+def true_views(room: Path, camera_set: CameraSet, photos: Sequence[PinholeCamera]) -> list[TrueView]:
     """Return the views of a room that no photo has, with Blender's pictures, in the world of `camera_set`.
 
     Their valid pixels show what at least `WELL_SEEN` of the photos see, by the true surfaces.
@@ -73,11 +72,15 @@ def true_views(room: Path, camera_set: CameraSet, photos: Sequence[PinholeCamera
         command += ["--seed", str(made["seed"]), "--attempt", str(made["attempt"])]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         found = json.loads((out / "cameras.json").read_text(encoding="utf-8"))
+        metres = float(np.cbrt(np.linalg.det(to_room[:3, :3])))
         return [
-            TrainingView(
-                name, PinholeCamera(normalised_viewmat(np.array(viewmat), to_room), K, _WIDTH, _HEIGHT),
-                np.asarray(Image.open(out / f"{name}.png")), None, True,
-                np.asarray(Image.open(out / f"{name}_photos.png")) >= WELL_SEEN,
+            TrueView(
+                TrainingView(
+                    name, PinholeCamera(normalised_viewmat(np.array(viewmat), to_room), K, _WIDTH, _HEIGHT),
+                    np.asarray(Image.open(out / f"{name}.png")), None, True,
+                    np.asarray(Image.open(out / f"{name}_photos.png")) >= WELL_SEEN,
+                ),
+                np.load(out / f"{name}_depths.npy") / np.float32(metres),
             )
             for name, viewmat in found.items()
         ]  # fmt: skip
@@ -91,7 +94,7 @@ def _in_room(photo: PinholeCamera, to_room: Float64) -> dict[str, Any]:
 def _wanted(camera_set: CameraSet) -> Iterator[tuple[str, dict[str, Float64]]]:
     """Yield the name of each view and, in the world, the photo's place, the wanted one, and what is looked at."""
     points = camera_set.points.astype(np.float64)
-    for number, camera in enumerate(spread_cameras(camera_set.cameras, _N_PLACES)):
+    for number, camera in enumerate(spread_cameras(camera_set.cameras, N_PLACES)):
         middle = _middle(camera, points)
         offset = camera.center - middle
         distance, flat = float(np.linalg.norm(offset)), float(np.linalg.norm(offset[:2]))

@@ -44,8 +44,8 @@ def main(description: str | None) -> int:
     )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, required=True,
-        help="folder for NAME.png, NAME_photos.png, whose pixels tell how many of the photos see what is there, and "
-        "cameras.json with viewmats",
+        help="folder for NAME.png, NAME_photos.png, whose pixels tell how many of the photos see what is there, "
+        "NAME_depths.npy, float32 in metres along the view axis, 0 for nothing, and cameras.json with viewmats",
     )  # fmt: skip
     arguments = parser.parse_args()
     cameras = json.loads(arguments.cameras.read_text(encoding="utf-8"))
@@ -63,8 +63,9 @@ def main(description: str | None) -> int:
         bpy.context.scene.cycles.seed = number
         Image.fromarray(srgb_pixels(np.clip(shoot.render(), 0, 1))).save(arguments.out / f"{name}.png")
         made[name] = viewmat.tolist()
-    for name, count in _photos_that_see(made, cameras):
+    for name, count, depths in _photos_that_see(made, cameras):
         Image.fromarray(count).save(arguments.out / f"{name}_photos.png")
+        np.save(arguments.out / f"{name}_depths.npy", depths.astype(np.float32))
     shoot.write_json(arguments.out / "cameras.json", made)
     return 0
 
@@ -91,8 +92,8 @@ def _free_eye(begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
 
 def _photos_that_see(
     viewmats: Mapping[str, Sequence[Sequence[float]]], cameras: Mapping[str, Any]
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the name of each view and how many photos see what its pixels show, [height, width] uint8."""
+) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yield the name of each view, how many photos see what its pixels show, uint8, and depths, all [height, width]."""
     focal, width, height = cameras["focal"], cameras["width"], cameras["height"]
     rays = np.stack([*np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)], axis=-1)
     rays = np.concatenate([rays / focal, np.ones((height, width, 1))], axis=-1)
@@ -101,11 +102,12 @@ def _photos_that_see(
         _set_lens(focal, width, height)
         for name, rows in viewmats.items():
             viewmat, counts = np.array(rows), np.zeros((height, width), np.uint8)
-            local = rays * _depths(viewmat)[..., None]
+            shown = _depths(viewmat)
+            local = rays * shown[..., None]
             places = (local - viewmat[:3, 3]) @ viewmat[:3, :3]
             for photo, depths, corner in photos:
                 counts += _sees(photo, depths, corner, places)
-            yield name, counts
+            yield name, counts, shown
 
 
 def _centred_depths(photo: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
