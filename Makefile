@@ -24,7 +24,7 @@ EXHIBITS := vase;teapot;obelisk;shield;hourglass;mask;goblet;bell;flowerpot;drum
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms model-rooms choosing-rooms real-sets mixtures stability bench-training bench-raster bench-gpu bench-blender bench-detail bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
+.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms model-rooms choosing-rooms real-sets mixtures stability bench-training bench-off-path bench-raster bench-gpu bench-blender bench-detail bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
 
 help: ## what can be made
 	@awk 'BEGIN {FS = ":.*## "} /^##@ / {print "\n" substr($$0, 5)} \
@@ -138,6 +138,12 @@ stability: ## float32 against float64 in stiff and extreme cases; writes docs/st
 bench-training: setup ## presets on all photo sets beside gsplat, into docs/error_vs_time.md; resumable; 45 CPU minutes
 	$(ENGINE) -m benchmarks.training presets --sets $(TRAINING_SETS) --doc docs/error_vs_time.md \
 		--picture docs/error_vs_time_processor.png
+
+bench-off-path: setup ## presets in views that no photo has, of choosing rooms, into docs/training.md; resumable; 40 CPU minutes
+	$(ENGINE) -m benchmarks.training.card prepare-rooms --rooms 3,6,8 --out out/off_path
+	$(ENGINE) -m benchmarks.training.card train out/off_path --backend cpu --runs preview,standard --seeds 0,1
+	$(ENGINE) -m benchmarks.training.card document out/off_path/results --doc docs/training.md \
+		--table "off the path on the processor"
 
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
 	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md

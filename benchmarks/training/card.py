@@ -1,7 +1,7 @@
 """Quality of training on a graphics card against seconds: ``python -m benchmarks.training.card COMMAND``.
 
 `prepare` writes photos, cameras and segments of sets on a machine with the whole engine; `prepare-rooms` those of kept
-choosing rooms (`benchmarks.rooms`) without segments, and views off the photos' path, which Blender renders;
+choosing rooms (`benchmarks.rooms`) without segments, and views off the photos' path, which Blender renders once;
 `prepare-gallery` those of a generated walk. `train` needs these files, a graphics card, and a Python with torch, wgpu,
 numba, scipy, OpenCV and flip-evaluator; with ``--backend gsplat``, gsplat 1.5, with fused-ssim, trains the same views
 by its own rates and without features, with ``--backend cpu`` the processor, on all cores that the process may use. A
@@ -58,7 +58,16 @@ from ..documents import put_into
 from ..rooms.keeping import KEPT_FOLDER, unpack_room
 from .error_curves import ERROR_AND_SECONDS, SETS_AND_RUNS, error_plot, error_table, sets_table
 from .gallery import gallery_views
-from .off_path import OFF_PATH, TrueView, needles, off_path_figures, off_path_table, read_true_views, write_true_views
+from .off_path import (
+    OFF_PATH,
+    OFF_PATH_ON_PROCESSOR,
+    TrueView,
+    needles,
+    off_path_figures,
+    off_path_table,
+    read_true_views,
+    write_true_views,
+)
 from .photo_sets import ROOT, photo_set
 from .screening.gsplat_training import train_gsplat
 from .screening.jobs import GSPLAT, measured_figures
@@ -68,7 +77,12 @@ _MAX_NAME = 160
 _UNBOUNDED = 1 << 62
 _TRUE = "true"
 """Folder of the true views off the path, beside the views of rooms."""
-_TABLES = {OFF_PATH: off_path_table, ERROR_AND_SECONDS: error_table, SETS_AND_RUNS: sets_table}
+_TABLES = {
+    OFF_PATH: off_path_table,
+    OFF_PATH_ON_PROCESSOR: off_path_table,
+    ERROR_AND_SECONDS: error_table,
+    SETS_AND_RUNS: sets_table,
+}
 """By the name that the table has in a document."""
 _SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
 
@@ -136,6 +150,9 @@ def _prepare_rooms(options: argparse.Namespace) -> None:
     (options.out / _TRUE).mkdir(parents=True, exist_ok=True)
     for number in map(int, options.rooms.split(",")):
         name = f"room_{number}"
+        true_file = options.out / _TRUE / f"{name}.npz"
+        if true_file.exists():
+            continue
         with tempfile.TemporaryDirectory() as folder:
             room = Path(folder) / name
             unpack_room(ROOT / KEPT_FOLDER / f"{name}.tar.xz", room)
@@ -143,7 +160,7 @@ def _prepare_rooms(options: argparse.Namespace) -> None:
             views = load_views(room / "photos", cameras, {}, PRESETS["standard"])
             write_views(options.out / f"{name}.npz", cameras, views)
             trained = [view.pinhole for view in views if not view.held_out]
-            write_true_views(options.out / _TRUE / f"{name}.npz", cameras, true_views(room, cameras, trained))
+            write_true_views(true_file, cameras, true_views(room, cameras, trained))
 
 
 def _prepare_gallery(options: argparse.Namespace) -> None:

@@ -24,8 +24,8 @@ from engine.training.views import ViewPyramid
 
 from .screening.views_file import read_views, write_views
 
-OFF_PATH = "off the path"
-"""Name of the table in a document."""
+OFF_PATH, OFF_PATH_ON_PROCESSOR = "off the path", "off the path on the processor"
+"""Names of the tables in a document, of trainings on a card and on the processor."""
 KINDS = ("near", "far", "above")
 """What the names of views begin with: half the distance of a photo, one and a half times, and 20 degrees higher."""
 
@@ -91,10 +91,10 @@ class OffPath:
 
 
 def write_true_views(file: Path, cameras: CameraSet, views: Sequence[TrueView]) -> None:
-    """Write views that no photo has, with the sparse points of the set, and their depths beside them."""
-    write_views(file, cameras, [one.view for one in views])
+    """Write views that no photo has, with the sparse points of the set, and before it their depths beside `file`."""
     with atomic_write(_depths_file(file)) as out:
         np.savez_compressed(out, depths=np.stack([one.depths for one in views]))
+    write_views(file, cameras, [one.view for one in views])
 
 
 def read_true_views(file: Path) -> list[TrueView]:

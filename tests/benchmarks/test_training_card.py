@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
+from benchmarks.training import card
 from benchmarks.training.card import _file_name, run_name, run_settings
+from engine.core.errors import SettingsError
 from engine.core.system import usable_cores
 
 
@@ -39,3 +44,20 @@ def test_on_the_processor_a_preset_has_its_own_sizes_and_the_run_is_named_after_
     assert (standard.growth.max_gaussians, standard.appearance.sh_degree, standard.backend) == (40_000, 1, "cpu")
     assert run_name("standard", "cpu") == f"{len(usable_cores())} cores:standard"
     assert run_name("standard", "gpu") == "standard"
+
+
+def test_rooms_whose_true_views_are_there_are_not_rendered_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unpacked: list[str] = []
+
+    def refuses(archive: Path, folder: Path) -> None:
+        unpacked.append(folder.name)
+        raise SettingsError("unpacked")
+
+    monkeypatch.setattr(card, "unpack_room", refuses)
+    (tmp_path / "true").mkdir()
+    (tmp_path / "true" / "room_3.npz").touch()
+    with pytest.raises(SystemExit, match="unpacked"):
+        card.main(["prepare-rooms", "--rooms", "3,6", "--out", str(tmp_path)])
+    assert unpacked == ["room_6"]
