@@ -9,29 +9,18 @@ from ...engine.scene import Measurement
 from ..blender.drawn_text import draw_text
 from ..blender.lengths import write_length
 from ..language.translations import translated
-from ..project.first_view import CATEGORY
 from ..project.measuring import current_measurement, length_text, rulers
 from ..splats.properties import HeritageScene, project_of
 from ..splats.selection import active_object
+from .sidebar import ProjectPanel
 
 
-class _ProjectPanel(bpy.types.Panel):
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return bool(context.scene.heritage.project)
-
-
-class HERITAGE_PT_by_hand(_ProjectPanel):
+class HERITAGE_PT_by_hand(ProjectPanel):
     """Edits of the object that is selected in the list."""
 
     bl_label = "By Hand"
     bl_idname = "HERITAGE_PT_by_hand"
+    bl_options = {"DEFAULT_CLOSED"}
     bl_order = 1
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -69,11 +58,12 @@ def _draw_regions(layout: bpy.types.UILayout) -> None:
     (lasso.action, lasso.shape), (box.action, box.shape) = ("TAKE", "LASSO"), ("TAKE", "BOX")
 
 
-class HERITAGE_PT_measure(_ProjectPanel):
+class HERITAGE_PT_measure(ProjectPanel):
     """Scale, ground, north, origin and rulers."""
 
     bl_label = "Measure"
     bl_idname = "HERITAGE_PT_measure"
+    bl_options = {"DEFAULT_CLOSED"}
     bl_order = 1
 
     def draw(self, context: bpy.types.Context) -> None:

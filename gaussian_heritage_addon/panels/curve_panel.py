@@ -5,19 +5,16 @@ from __future__ import annotations
 import bpy
 
 from ..project.curve import stored_curve
-from ..project.first_view import CATEGORY
 from ..splats.properties import project_of
 from .job_box import draw_curve
+from .sidebar import SidebarPanel
 
 
-class HERITAGE_PT_training(bpy.types.Panel):
+class HERITAGE_PT_training(SidebarPanel):
     """Error against run time of the finished training."""
 
     bl_label = "Error against Run Time"
     bl_idname = "HERITAGE_PT_training"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
     bl_order = 3
     bl_options = {"DEFAULT_CLOSED"}
 

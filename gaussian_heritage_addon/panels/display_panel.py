@@ -6,21 +6,18 @@ import bpy
 
 from ..blender.drawn_text import draw_text
 from ..language.translations import translated
-from ..project.first_view import CATEGORY
 from ..splats.native_splats import is_native
 from ..splats.properties import view_transform_of
 from ..splats.render_settings import can_restore, missing_settings
 from ..splats.selection import heritage_objects
+from .sidebar import SidebarPanel
 
 
-class HERITAGE_PT_display(bpy.types.Panel):
+class HERITAGE_PT_display(SidebarPanel):
     """How the viewports show the splats."""
 
     bl_label = "Display"
     bl_idname = "HERITAGE_PT_display"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
     bl_order = 1
 
     @classmethod

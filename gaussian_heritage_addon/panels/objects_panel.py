@@ -18,12 +18,12 @@ from ...engine.project.own_words import read_learning
 from ...engine.project.refused_prompts import Candidate, NotFound, Refusal, read_not_found
 from ..blender.drawn_text import draw_text
 from ..language.translations import translated
-from ..project.first_view import CATEGORY
 from ..project.not_stored import draw_not_stored, is_unstored
 from ..project.pictures import picture_icon
 from ..setup.model_files import find_model, megabytes
 from ..splats.properties import HeritageObject, HeritageScene, project_of
 from ..splats.selection import active_object, heritage_objects
+from .sidebar import ProjectPanel
 
 _NAME_SHARE = 0.6
 """Share of the width of a row that the name of an object gets."""
@@ -94,19 +94,11 @@ class HERITAGE_UL_objects(bpy.types.UIList):
         return [self.bitflag_filter_item if name in isolated else 0 for name in names], places
 
 
-class HERITAGE_PT_objects(bpy.types.Panel):
+class HERITAGE_PT_objects(ProjectPanel):
     """Isolating objects, and the properties of the selected object."""
 
     bl_label = "Objects"
     bl_idname = "HERITAGE_PT_objects"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether a project is open."""
-        return bool(context.scene.heritage.project)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""

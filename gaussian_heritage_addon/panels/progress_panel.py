@@ -13,19 +13,16 @@ from ..jobs import job_runner
 from ..jobs.job_names import job_name
 from ..jobs.results import PROJECT_KINDS
 from ..language.translations import translated
-from ..project.first_view import CATEGORY
 from .job_box import draw_job
 from .set_up_box import SET_UP_KINDS
+from .sidebar import SidebarPanel
 
 
-class HERITAGE_PT_progress(bpy.types.Panel):
+class HERITAGE_PT_progress(SidebarPanel):
     """The running job with its preview and curve, and the jobs that wait. Below all buttons, as its height changes."""
 
     bl_label = "Progress"
     bl_idname = "HERITAGE_PT_progress"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
     bl_order = 2
 
     @classmethod

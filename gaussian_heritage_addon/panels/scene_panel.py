@@ -15,13 +15,13 @@ from ..jobs import job_runner
 from ..jobs.job_names import job_name
 from ..language.translations import translated
 from ..project.cameras import current_photo
-from ..project.first_view import CATEGORY
 from ..project.moved_projects import is_missing
 from ..project.open_projects import is_open_elsewhere
 from ..splats.properties import HeritageScene, project_of
 from .job_box import progress_text
 from .progress_panel import problems_of
 from .set_up_box import draw_set_up
+from .sidebar import SidebarPanel
 
 _STATUS_SHARE = 0.65
 """Share of the width of the first row that *Stopped* gets, beside the button that continues the job."""
@@ -29,14 +29,11 @@ _HEALTH_ICONS = {"yellow": "INFO", "red": "ERROR"}
 """Colours of the cameras' health that are shown; nothing is said of green ones."""
 
 
-class HERITAGE_PT_scene(bpy.types.Panel):
+class HERITAGE_PT_scene(SidebarPanel):
     """The next step, the project and its display."""
 
     bl_label = "Gaussian Heritage"
     bl_idname = "HERITAGE_PT_scene"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = CATEGORY
     bl_order = 0
 
     def draw(self, context: bpy.types.Context) -> None:

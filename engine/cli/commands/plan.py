@@ -10,7 +10,6 @@ from ...cameras.settings import CameraSettings
 from ...core.events import Emit, Finished, StopCheck
 from ...photos.settings import PhotoSettings
 from ...pipeline.planning import (
-    PlanSettings,
     forecast_as_dict,
     format_plan,
     format_presets,
@@ -19,16 +18,7 @@ from ...pipeline.planning import (
     work_plan_as_dict,
 )
 from ...training.settings import OFFERED_PRESETS
-from .scene_options import (
-    add_camera_options,
-    add_device_option,
-    add_lens_option,
-    add_no_objects_option,
-    add_preset_option,
-    add_setting_options,
-    add_size_options,
-    overrides_of,
-)
+from .scene_options import add_plan_options, plan_settings_of
 
 NAME = "plan"
 HELP = "Show what a reconstruction would do and omit, and how much time and memory it needs, before any work."
@@ -38,13 +28,7 @@ EXAMPLE = "python -m engine plan photos --preset best"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("photos", type=Path, help="folder with the photos")
-    add_preset_option(parser)
-    add_device_option(parser)
-    add_size_options(parser)
-    add_setting_options(parser)
-    add_no_objects_option(parser)
-    add_camera_options(parser)
-    add_lens_option(parser)
+    add_plan_options(parser)
     parser.add_argument(
         "--every-preset", action="store_true", help="only how long each preset would take, with the time of each stage"
     )
@@ -53,17 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Print the plan, and refuse work for which there is too little memory."""
-    settings = PlanSettings(
-        preset=options.preset,
-        device=options.device,
-        max_gaussians=options.max_gaussians,
-        max_side=options.max_side,
-        wants_objects=not options.no_objects,
-        overrides=overrides_of(options),
-    )
     plans = plan_presets(
         options.photos,
-        settings,
+        plan_settings_of(options),
         [preset.name for preset in OFFERED_PRESETS] if options.every_preset else [options.preset],
         photos=PhotoSettings(),
         cameras=CameraSettings(model=options.lens),

@@ -10,24 +10,13 @@ from ...cameras.settings import CameraSettings
 from ...core.errors import SettingsError
 from ...core.events import Emit, Finished, StopCheck
 from ...masks.settings import PRESETS as MASK_PRESETS
-from ...pipeline.planning import PlanSettings, planned_device
+from ...pipeline.planning import planned_device
 from ...pipeline.reconstruct import PipelineSettings, reconstruct
 from ...pipeline.stages import STAGES
 from ...project.folder import ProjectFolder
 from ...rasterizer import device_words
 from .chosen_models import add_sam_argument
-from .scene_options import (
-    add_camera_options,
-    add_device_option,
-    add_lens_option,
-    add_no_objects_option,
-    add_preset_option,
-    add_prompts_option,
-    add_setting_options,
-    add_size_options,
-    overrides_of,
-    prompts_of,
-)
+from .scene_options import add_plan_options, add_prompts_option, plan_settings_of, prompts_of
 
 NAME = "reconstruct"
 HELP = "Rebuild a scene from a folder of photos; continues where an earlier run stopped."
@@ -41,12 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photos", type=Path, help="folder with the photos, or a video")
     parser.add_argument("--out", type=Path, required=True, help="project folder; an unfinished run in it is continued")
     add_prompts_option(parser, "objects to isolate at the end")
-    add_preset_option(parser)
-    add_device_option(parser)
-    add_size_options(parser)
-    add_setting_options(parser)
-    add_camera_options(parser)
-    add_lens_option(parser)
+    add_plan_options(parser)
     parser.add_argument(
         "--mask-background",
         action="store_true",
@@ -58,7 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="find transients, such as people who walk through some of the photos, and leave them out of the scene",
     )
-    add_no_objects_option(parser)
     add_sam_argument(parser)
     parser.add_argument(
         "--until", choices=STAGES, default=STAGES[-1], help="stop after this stage; run again for the others"
@@ -79,15 +62,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if options.mask_background and options.photo_masks is not None:
         raise SettingsError("--mask-background makes the masks that --photo-masks gives. Give only one of them.")
     settings = PipelineSettings(
-        plan=PlanSettings(
-            preset=options.preset,
-            device=options.device,
-            max_gaussians=options.max_gaussians,
-            max_side=options.max_side,
-            wants_objects=not options.no_objects,
-            exclude_transients=options.transients,
-            overrides=overrides_of(options),
-        ),
+        plan=replace(plan_settings_of(options), exclude_transients=options.transients),
         cameras=CameraSettings(model=options.lens),
         masks=replace(MASK_PRESETS[options.segments], model=options.sam),
         given_cameras=options.cameras,

@@ -14,6 +14,7 @@ from ...scene import FISHEYE_LENS
 from ...training.settings import LIGHT_DESCRIPTION, LIGHT_SHARE, PRESET_LIST
 
 if TYPE_CHECKING:
+    from ...pipeline.planning import PlanSettings
     from ...project.own_words import OwnWords
 
 
@@ -61,8 +62,10 @@ def add_device_option(parser: argparse.ArgumentParser, what: str = "train", *, d
     )
 
 
-def add_size_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--max-gaussians`` and ``--max-side``."""
+def add_plan_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the work on a folder of photos, most of which `plan_settings_of` reads."""
+    add_preset_option(parser)
+    add_device_option(parser)
     parser.add_argument(
         "--max-gaussians",
         type=int,
@@ -74,6 +77,30 @@ def add_size_options(parser: argparse.ArgumentParser) -> None:
         type=int,
         metavar="PIXELS",
         help="longest side of the pictures in training on a graphics card, in place of the preset's 1,600 pixels",
+    )
+    add_setting_options(parser)
+    add_camera_options(parser)
+    parser.add_argument(
+        "--lens",
+        choices=get_args(CameraModel),
+        default=CameraSettings().model,
+        help="COLMAP's lens model of the photos, where cameras are estimated; the lenses of phones and "
+        f"cameras fit the default, action cameras often need {FISHEYE_LENS} (default: %(default)s)",
+    )
+    add_no_objects_option(parser)
+
+
+def plan_settings_of(options: argparse.Namespace) -> PlanSettings:
+    """Return what `add_plan_options` says of the work; errors as of `overrides_of`."""
+    from ...pipeline.planning import PlanSettings
+
+    return PlanSettings(
+        preset=options.preset,
+        device=options.device,
+        max_gaussians=options.max_gaussians,
+        max_side=options.max_side,
+        wants_objects=not options.no_objects,
+        overrides=overrides_of(options),
     )
 
 
@@ -101,17 +128,6 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     if options.light and "kept" in given:
         raise SettingsError("--light and --set both give `kept`. Give only one of them.")
     return {**given, "kept": LIGHT_SHARE} if options.light else given
-
-
-def add_lens_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--lens``."""
-    parser.add_argument(
-        "--lens",
-        choices=get_args(CameraModel),
-        default=CameraSettings().model,
-        help="COLMAP's lens model of the photos, where cameras are estimated; the lenses of phones and "
-        f"cameras fit the default, action cameras often need {FISHEYE_LENS} (default: %(default)s)",
-    )
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
