@@ -18,6 +18,8 @@ import numpy as np
 import pytest
 
 Part = Callable[[str], ModuleType]
+FOREVER = "import time\nwhile True: time.sleep(0.05)"
+"""Source of a fake engine that does not end."""
 
 
 @pytest.fixture
@@ -238,3 +240,44 @@ def draw(part: Part) -> Callable[[str], FakeLayout]:
         return drawn
 
     return make
+
+
+@pytest.fixture
+def runner(part: Part, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[ModuleType]:
+    """Yield the job runner as it works in a window, where jobs run while Blender is used; timers are called by hand."""
+    runner = part("gaussian_heritage_addon.jobs.job_runner")
+    forget_jobs(runner)
+    jobs = tmp_path / "jobs"
+    jobs.mkdir()
+    monkeypatch.setattr(runner, "user_folder", lambda name: jobs)
+    monkeypatch.setattr(runner, "show_job", lambda: None)
+    monkeypatch.setattr(runner, "bpy", _InAWindow())
+    yield runner
+    for folder in jobs.iterdir():
+        job = part("engine.workers.jobs").Job.attach(folder)
+        if job is not None and job.poll().running:
+            job.cancel(grace_seconds=0.0)
+            job.wait()
+    forget_jobs(runner)
+
+
+class _InAWindow:
+    """bpy that says it has a window."""
+
+    class app:  # noqa: N801 as in bpy
+        background = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(bpy, name)
+
+
+def poll_to_the_end(runner: ModuleType) -> None:
+    """Call the timer until it stops."""
+    while runner._poll_job() is not None:
+        if runner.current()[1].running:
+            runner._job.wait()
+
+
+def segment_in_engine(runner: ModuleType, project: Any, prompt: str) -> None:
+    """Start a job that isolates what `prompt` names."""
+    runner.start("segment", project.folder, "segment", str(project.folder), "--prompt", prompt)

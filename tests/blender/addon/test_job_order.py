@@ -10,8 +10,7 @@ from typing import Any
 
 import bpy
 import pytest
-from conftest import FakeLayout, forget_jobs
-from test_job_runner import FOREVER, _poll_to_the_end, _segment, runner  # noqa: F401 a fixture
+from conftest import FOREVER, FakeLayout, forget_jobs, poll_to_the_end, segment_in_engine
 
 StandIn = Callable[[str], Path]
 Draw = Callable[[str], FakeLayout]
@@ -27,67 +26,56 @@ def _isolated() -> set[str]:
 
 
 def test_every_prompt_for_the_same_project_gives_its_object(
-    runner: ModuleType,  # noqa: F811
-    project: Any,
-    fake_engine: StandIn,
+    runner: ModuleType, project: Any, fake_engine: StandIn
 ) -> None:
     bpy.ops.heritage.open_project(directory=str(project.folder))
     fake_engine("import time\ntime.sleep(0.2)\n" + NAMED_BY_PROMPT)
     for prompt in ("bust", "drum", "shield"):
-        _segment(runner, project, prompt)
-    _poll_to_the_end(runner)
+        segment_in_engine(runner, project, prompt)
+    poll_to_the_end(runner)
     assert _isolated() == {"vase", "bust", "drum", "shield"} and runner.waiting() == []
 
 
 def test_result_that_cannot_be_imported_does_not_keep_the_next_one_away(
-    runner: ModuleType,  # noqa: F811
-    project: Any,
-    fake_engine: StandIn,
-    part: Callable[[str], ModuleType],
+    runner: ModuleType, project: Any, fake_engine: StandIn, part: Callable[[str], ModuleType]
 ) -> None:
     bpy.ops.heritage.open_project(directory=str(project.folder))
     damaged = "\nif name == 'bust': np.save(project / 'objects' / name / 'membership.npy', np.zeros(3, np.float32))\n"
     first, second = NAMED_BY_PROMPT.rsplit("say(", 1)
     fake_engine("import time\ntime.sleep(0.2)\n" + first + damaged + "say(" + second)
-    _segment(runner, project, "bust")
-    _segment(runner, project, "drum")
+    segment_in_engine(runner, project, "bust")
+    segment_in_engine(runner, project, "drum")
     runner._job.wait()
     assert runner._poll_timer() == runner._POLL_INTERVAL
     assert "another version of the scene" in part("gaussian_heritage_addon.blender.problems").shown()
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert _isolated() == {"vase", "drum"}
 
 
 def test_error_of_a_job_is_told_while_the_next_one_runs(
-    runner: ModuleType,  # noqa: F811
-    project: Any,
-    fake_engine: StandIn,
-    draw: Draw,
+    runner: ModuleType, project: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     fake_engine(
         "import time\nif sys.argv[6] == 'bust':\n  time.sleep(0.2)\n  say('error', message='The disk is full.')\n"
         "  sys.exit(1)\n" + FOREVER
     )
-    _segment(runner, project, "bust")
-    _segment(runner, project, "drum")
+    segment_in_engine(runner, project, "bust")
+    segment_in_engine(runner, project, "drum")
     runner._job.wait()
     assert runner._poll_job() == runner._POLL_INTERVAL and runner.current()[1].running
     assert "The disk is full." in " ".join(draw("HERITAGE_PT_progress").texts)
 
 
 def test_result_of_an_earlier_session_is_offered_and_not_put_into_a_new_file(
-    runner: ModuleType,  # noqa: F811
-    project: Any,
-    fake_engine: StandIn,
-    draw: Draw,
+    runner: ModuleType, project: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     fake_engine("say('finished', message='done', outputs={'objects': ['vase']})")
-    _segment(runner, project, "vase")
+    segment_in_engine(runner, project, "vase")
     runner._job.wait()
     forget_jobs(runner)
     bpy.ops.wm.read_homefile(use_empty=True)  # Blender was started again.
     runner._find_jobs()
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert not bpy.context.scene.heritage.project and runner.undecided() == [project.folder]
     panel = draw("HERITAGE_PT_progress")
     assert "ended while you were away" in " ".join(panel.texts) and "another project" not in " ".join(panel.texts)
@@ -96,34 +84,30 @@ def test_result_of_an_earlier_session_is_offered_and_not_put_into_a_new_file(
 
 
 def test_leaving_a_result_does_not_hide_that_of_a_newer_job(
-    runner: ModuleType,  # noqa: F811
-    project: Any,
-    fake_engine: StandIn,
+    runner: ModuleType, project: Any, fake_engine: StandIn
 ) -> None:
     bpy.context.scene.heritage.project = "/somewhere/else"
     fake_engine(NAMED_BY_PROMPT)
-    _segment(runner, project, "bust")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, project, "bust")
+    poll_to_the_end(runner)
     assert runner.undecided() == [project.folder]
     bpy.context.scene.heritage.project = ""
     bpy.ops.heritage.open_project(directory=str(project.folder))
-    _segment(runner, project, "drum")
+    segment_in_engine(runner, project, "drum")
     assert bpy.ops.heritage.dismiss_result(number=0) == {"FINISHED"}
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert "drum" in _isolated()
 
 
 def test_same_job_of_another_blender_is_not_started_twice(
-    runner: ModuleType,  # noqa: F811
-    project: Any,
-    fake_engine: StandIn,
+    runner: ModuleType, project: Any, fake_engine: StandIn
 ) -> None:
     fake_engine(FOREVER)
-    _segment(runner, project, "vase")
+    segment_in_engine(runner, project, "vase")
     job = runner._job
     forget_jobs(runner)
     with pytest.raises(Exception, match="still working on"):
-        _segment(runner, project, "vase")
+        segment_in_engine(runner, project, "vase")
     runner._job = job
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,52 +11,11 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, forget_jobs, write_object
+from conftest import FOREVER, FakeLayout, forget_jobs, poll_to_the_end, segment_in_engine, write_object
 
 Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
 Draw = Callable[[str], FakeLayout]
-FOREVER = "import time\nwhile True: time.sleep(0.05)"
-
-
-@pytest.fixture
-def runner(part: Part, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[ModuleType]:
-    """Yield the job runner as it works in a window, where jobs run while Blender is used; timers are called by hand."""
-    runner = part("gaussian_heritage_addon.jobs.job_runner")
-    forget_jobs(runner)
-    jobs = tmp_path / "jobs"
-    jobs.mkdir()
-    monkeypatch.setattr(runner, "user_folder", lambda name: jobs)
-    monkeypatch.setattr(runner, "show_job", lambda: None)
-    monkeypatch.setattr(runner, "bpy", _InAWindow())
-    yield runner
-    for folder in jobs.iterdir():
-        job = part("engine.workers.jobs").Job.attach(folder)
-        if job is not None and job.poll().running:
-            job.cancel(grace_seconds=0.0)
-            job.wait()
-    forget_jobs(runner)
-
-
-class _InAWindow:
-    """bpy that says it has a window."""
-
-    class app:  # noqa: N801 as in bpy
-        background = False
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(bpy, name)
-
-
-def _poll_to_the_end(runner: ModuleType) -> None:
-    """Call the timer until it stops."""
-    while runner._poll_job() is not None:
-        if runner.current()[1].running:
-            runner._job.wait()
-
-
-def _segment(runner: ModuleType, project: Any, prompt: str) -> None:
-    runner.start("segment", project.folder, "segment", str(project.folder), "--prompt", prompt)
 
 
 @pytest.fixture
@@ -70,10 +29,10 @@ def test_second_job_waits_for_the_first_and_can_be_removed(
 ) -> None:
     fake_engine(FOREVER)
     for prompt in ("vase", "bust", "drum"):
-        _segment(runner, project, prompt)
+        segment_in_engine(runner, project, prompt)
     assert [one.command[-2] for one in runner.waiting()] == ["bust", "drum"]
     with pytest.raises(Exception, match="is waiting already"):
-        _segment(runner, project, "bust")
+        segment_in_engine(runner, project, "bust")
     drawn = draw("HERITAGE_PT_progress")
     assert [options["number"] for name, options in drawn.buttons if name == "heritage.drop_job"] == [0, 1]
     assert bpy.ops.heritage.drop_job(number=0) == {"FINISHED"}
@@ -90,8 +49,8 @@ def test_result_enters_the_scene_that_shows_its_project(runner: ModuleType, proj
     shown = bpy.context.scene
     other = bpy.data.scenes.new("other")
     other.heritage.project = "/somewhere/else"
-    _segment(runner, project, "vase")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, project, "vase")
+    poll_to_the_end(runner)
     assert shown.heritage.show == "OBJECTS" and runner.undecided() == []
 
 
@@ -99,8 +58,8 @@ def test_scene_with_another_project_is_never_changed_without_asking(
     runner: ModuleType, project: Any, vase_engine: None, draw: Draw
 ) -> None:
     bpy.context.scene.heritage.project = "/somewhere/else"
-    _segment(runner, project, "vase")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, project, "vase")
+    poll_to_the_end(runner)
     assert bpy.context.scene.heritage.project == "/somewhere/else" and "Vase" not in bpy.data.objects
     assert runner.undecided() == [project.folder]
     drawn = draw("HERITAGE_PT_progress")
@@ -112,8 +71,8 @@ def test_scene_with_another_project_is_never_changed_without_asking(
 
 def test_result_that_is_left_is_not_offered_again(runner: ModuleType, project: Any, vase_engine: None) -> None:
     bpy.context.scene.heritage.project = "/somewhere/else"
-    _segment(runner, project, "vase")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, project, "vase")
+    poll_to_the_end(runner)
     assert bpy.ops.heritage.dismiss_result(number=0) == {"FINISHED"}
     forget_jobs(runner)
     runner._find_jobs()
@@ -123,13 +82,13 @@ def test_result_that_is_left_is_not_offered_again(runner: ModuleType, project: A
 def test_job_that_ended_while_blender_was_closed_is_told_and_taken_in_once(
     runner: ModuleType, project: Any, vase_engine: None, draw: Draw
 ) -> None:
-    _segment(runner, project, "vase")
+    segment_in_engine(runner, project, "vase")
     runner._job.wait()
     forget_jobs(runner)  # Blender is closed and started again.
     bpy.ops.heritage.open_project(directory=str(project.folder))
     runner._find_jobs()
     assert "Started before Blender was closed" in draw("HERITAGE_PT_progress").texts
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert bpy.context.scene.heritage.show == "OBJECTS"
     forget_jobs(runner)
     runner._find_jobs()
@@ -138,7 +97,7 @@ def test_job_that_ended_while_blender_was_closed_is_told_and_taken_in_once(
 
 def test_running_job_is_found_again(runner: ModuleType, project: Any, fake_engine: StandIn) -> None:
     fake_engine(FOREVER)
-    _segment(runner, project, "vase")
+    segment_in_engine(runner, project, "vase")
     pid = runner._job._process.pid
     forget_jobs(runner)
     runner._find_jobs()
@@ -150,7 +109,7 @@ def test_jobs_that_waited_start_after_blender_was_closed(
 ) -> None:
     fake_engine(FOREVER)
     for prompt in ("vase", "bust", "drum"):
-        _segment(runner, project, prompt)
+        segment_in_engine(runner, project, prompt)
     first = runner._job
     forget_jobs(runner)
     runner._find_jobs()
@@ -180,8 +139,8 @@ def test_stopped_job_of_a_project_that_is_gone_says_so(
     runner: ModuleType, opened: Any, tmp_path: Path, fake_engine: StandIn
 ) -> None:
     fake_engine("say('error', message='The disk is full.')")
-    _segment(runner, opened, "vase")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, opened, "vase")
+    poll_to_the_end(runner)
     opened.folder.rename(tmp_path / "away")
     with pytest.raises(RuntimeError, match=r"is missing, so its job cannot continue\. Choose .* Find Project"):
         bpy.ops.heritage.continue_job()
@@ -191,8 +150,8 @@ def test_stopped_job_continues_with_the_same_command(
     runner: ModuleType, project: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     arguments = fake_engine("say('error', message='The disk is full.')")
-    _segment(runner, project, "vase")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, project, "vase")
+    poll_to_the_end(runner)
     arguments.unlink()
     assert draw("HERITAGE_PT_scene").button("continue_job") == {"number": 0}
     assert bpy.ops.heritage.continue_job() == {"FINISHED"}
@@ -207,14 +166,14 @@ def test_refusal_is_told_once_and_gone_after_a_candidate_was_accepted(
     refused = {"refused": [{"text": "amphora", "message": "No amphora was found."}]}
     (project.folder / "objects" / "candidates.json").write_text(json.dumps(refused), encoding="utf-8")
     fake_engine("say('error', message='No amphora was found.', error='PromptError')")
-    _segment(runner, project, "amphora")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, project, "amphora")
+    poll_to_the_end(runner)
     assert not bpy.types.HERITAGE_PT_progress.poll(bpy.context)
     told = [draw(name).texts for name in ("HERITAGE_PT_scene", "HERITAGE_PT_objects")]
     assert sum("No amphora was found." in " ".join(texts) for texts in told) == 1
     fake_engine("say('finished', message='done', outputs={'objects': ['vase']})")
     bpy.ops.heritage.accept_candidate(number=1)
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert not (project.folder / "objects" / "candidates.json").exists()
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import bpy
 import pytest
-from conftest import FakeLayout, forget_jobs
-from test_job_runner import FOREVER, _poll_to_the_end, _segment, runner  # noqa: F401 a fixture
+from conftest import FOREVER, FakeLayout, forget_jobs, poll_to_the_end, segment_in_engine
 
 StandIn = Callable[[str], Path]
 Draw = Callable[[str], FakeLayout]
@@ -23,21 +22,18 @@ say('finished', message='done', outputs={'objects': ['vase']})
 """
 
 
-def _names(runner: ModuleType) -> list[str]:  # noqa: F811
+def _names(runner: ModuleType) -> list[str]:
     return [job.command[-2] for _, job, _ in runner.stopped(bpy.context.scene)]
 
 
 def test_stopped_job_keeps_its_continue_whatever_runs_after_it(
-    runner: ModuleType,  # noqa: F811
-    opened: Any,
-    fake_engine: StandIn,
-    draw: Draw,
+    runner: ModuleType, opened: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     fake_engine(FAILS_FOR_BUST)
-    _segment(runner, opened, "bust")
-    _poll_to_the_end(runner)
-    _segment(runner, opened, "vase")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, opened, "bust")
+    poll_to_the_end(runner)
+    segment_in_engine(runner, opened, "vase")
+    poll_to_the_end(runner)
     assert _names(runner) == ["bust"]
     assert draw("HERITAGE_PT_scene").button("continue_job") == {"number": 0}
     drawn = draw("HERITAGE_PT_progress")
@@ -45,11 +41,11 @@ def test_stopped_job_keeps_its_continue_whatever_runs_after_it(
     # Also after Blender was closed.
     forget_jobs(runner)
     runner._find_jobs()
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert _names(runner) == ["bust"]
     fake_engine("say('finished', message='done', outputs={'objects': ['vase']})")
     assert bpy.ops.heritage.continue_job(number=0) == {"FINISHED"}
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert _names(runner) == []
     forget_jobs(runner)
     runner._find_jobs()
@@ -57,29 +53,21 @@ def test_stopped_job_keeps_its_continue_whatever_runs_after_it(
 
 
 def test_missing_model_file_is_told_with_the_buttons_of_blender(
-    runner: ModuleType,  # noqa: F811
-    opened: Any,
-    fake_engine: StandIn,
-    draw: Draw,
+    runner: ModuleType, opened: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     fake_engine("say('error', message='minilm.onnx is missing. Run: python', error='ModelFileError')\nsys.exit(1)")
-    _segment(runner, opened, "bust")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, opened, "bust")
+    poll_to_the_end(runner)
     assert "Repair Engine, or Fetch beside the model, in Preferences" in " ".join(draw("HERITAGE_PT_progress").texts)
 
 
 def test_name_of_a_stopped_job_is_whole_in_a_narrow_sidebar(
-    runner: ModuleType,  # noqa: F811
-    part: Part,
-    opened: Any,
-    fake_engine: StandIn,
-    draw: Draw,
-    monkeypatch: pytest.MonkeyPatch,
+    runner: ModuleType, part: Part, opened: Any, fake_engine: StandIn, draw: Draw, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(part("gaussian_heritage_addon.blender.drawn_text"), "_DEFAULT_LINE_LENGTH", 25)
     fake_engine(FAILS_FOR_BUST)
     runner.start("segment", opened.folder, "segment", str(opened.folder), "--prompt=bust with a laurel wreath")
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     # Beside its button, the first row has room for one word.
     assert "Stopped" in draw("HERITAGE_PT_scene").texts
     told = draw("HERITAGE_PT_progress").texts
@@ -87,14 +75,12 @@ def test_name_of_a_stopped_job_is_whole_in_a_narrow_sidebar(
 
 
 def test_each_of_several_stopped_jobs_is_continued_or_left(
-    runner: ModuleType,  # noqa: F811
-    opened: Any,
-    fake_engine: StandIn,
+    runner: ModuleType, opened: Any, fake_engine: StandIn
 ) -> None:
     fake_engine("say('error', message='The disk is full.', error='DiskError')")
     for prompt in ("bust", "drum", "mask"):
-        _segment(runner, opened, prompt)
-        _poll_to_the_end(runner)
+        segment_in_engine(runner, opened, prompt)
+        poll_to_the_end(runner)
     assert _names(runner) == ["mask", "drum", "bust"]
     assert bpy.ops.heritage.leave_job(number=1) == {"FINISHED"}
     assert _names(runner) == ["mask", "bust"]
@@ -107,42 +93,35 @@ def test_each_of_several_stopped_jobs_is_continued_or_left(
 
 
 def test_edits_stored_anew_leave_no_older_ones_to_continue(
-    runner: ModuleType,  # noqa: F811
-    opened: Any,
-    fake_engine: StandIn,
+    runner: ModuleType, opened: Any, fake_engine: StandIn
 ) -> None:
     fake_engine("say('error', message='Nothing would be left of the vase.', error='ObjectError')\nsys.exit(1)")
     folder = str(opened.folder)
-    _segment(runner, opened, "bust")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, opened, "bust")
+    poll_to_the_end(runner)
     for threshold in ("1", "0.9"):
         runner.start("segment", opened.folder, "edit", folder, "--threshold", f"vase={threshold}")
-        _poll_to_the_end(runner)
+        poll_to_the_end(runner)
         stopped = [job.command[3:5] for _, job, _ in runner.stopped(bpy.context.scene)]
         # What else has stopped stays.
         assert stopped == [["edit", folder], ["segment", folder]]
     fake_engine("say('finished', message='Stored vase.', outputs={'objects': ['vase']})")
     runner.start("segment", opened.folder, "edit", folder, "--threshold", "vase=0.5")
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert _names(runner) == ["bust"]
 
 
-def test_refusal_is_no_stopped_job(runner: ModuleType, opened: Any, fake_engine: StandIn) -> None:  # noqa: F811
+def test_refusal_is_no_stopped_job(runner: ModuleType, opened: Any, fake_engine: StandIn) -> None:
     fake_engine("say('error', message='No amphora was found.', error='PromptError')")
-    _segment(runner, opened, "amphora")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, opened, "amphora")
+    poll_to_the_end(runner)
     assert _names(runner) == []
 
 
-def test_error_of_another_file_is_not_shown(
-    runner: ModuleType,  # noqa: F811
-    opened: Any,
-    fake_engine: StandIn,
-    draw: Draw,
-) -> None:
+def test_error_of_another_file_is_not_shown(runner: ModuleType, opened: Any, fake_engine: StandIn, draw: Draw) -> None:
     fake_engine("say('error', message='The disk is full.', error='DiskError')")
-    _segment(runner, opened, "bust")
-    _poll_to_the_end(runner)
+    segment_in_engine(runner, opened, "bust")
+    poll_to_the_end(runner)
     runner.problems.show("Something of this file.")
     bpy.ops.wm.read_homefile(use_empty=True)
     runner._after_loading()
@@ -155,14 +134,11 @@ def test_error_of_another_file_is_not_shown(
 
 
 def test_first_row_says_what_waits_and_nothing_above_the_buttons_moves(
-    runner: ModuleType,  # noqa: F811
-    opened: Any,
-    fake_engine: StandIn,
-    draw: Draw,
+    runner: ModuleType, opened: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     fake_engine(FOREVER)
     idle = _rows_above_the_buttons(draw)
-    _segment(runner, opened, "bust")
+    segment_in_engine(runner, opened, "bust")
     runner.start("segment", opened.folder, "segment", str(opened.folder), "--prompt=vase")
     assert any(text.endswith("+1 waiting: isolate vase") for text in draw("HERITAGE_PT_scene").texts)
     assert _rows_above_the_buttons(draw) == idle
@@ -171,7 +147,7 @@ def test_first_row_says_what_waits_and_nothing_above_the_buttons_moves(
     for number in (1, 0):
         runner.drop(number)
     runner._job.cancel(grace_seconds=0.0)
-    _poll_to_the_end(runner)
+    poll_to_the_end(runner)
     assert _names(runner) == ["bust"]
     assert _rows_above_the_buttons(draw) == idle
     runner.problems.show("An import failed.")

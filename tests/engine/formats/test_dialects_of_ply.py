@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +11,9 @@ import pytest
 
 from engine.core.errors import FormatError, ObjectError
 from engine.formats import read_glb, read_ply, read_ply_file, write_glb, write_ply, write_spz
-from engine.scene.gaussians import Gaussians
 
-RandomGaussians = Callable[..., Gaussians]
+from .conftest import RandomGaussians
+
 NAMES = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1")
 NAMES = (*NAMES, "rot_2", "rot_3")
 UTM = (500_123.25, 4_649_876.5, 1_035.125)

@@ -13,7 +13,7 @@ from engine.core.errors import FormatError, NumericalError
 from engine.formats.ply import read_ply, write_ply
 from engine.scene.gaussians import Gaussians
 
-RandomGaussians = Callable[..., Gaussians]
+from .conftest import RandomGaussians
 
 
 # Sizes around the chunk size are tested with one degree.

@@ -5,7 +5,6 @@ The files in tests/fixtures/formats were written by splat-transform 2.7.1 from s
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ from engine.formats.axes import y_down_from_z_up
 from engine.formats.ply import read_ply, read_ply_file, write_ply
 from engine.formats.transform import transform_gaussians
 from engine.scene import rotations_from_quats
-from engine.scene.gaussians import Gaussians
 
-RandomGaussians = Callable[..., Gaussians]
+from .conftest import RandomGaussians
+
 FIXTURES = Path(__file__).resolve().parents[2] / "fixtures"
 COMPRESSED = FIXTURES / "formats" / "playcanvas.compressed.ply"
 

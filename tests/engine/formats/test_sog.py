@@ -20,7 +20,8 @@ from engine.pictures import decode_picture, encode_picture
 from engine.scene import rotations_from_quats
 from engine.scene.gaussians import Gaussians
 
-RandomGaussians = Callable[..., Gaussians]
+from .conftest import RandomGaussians
+
 FILES = Path(__file__).resolve().parents[2] / "fixtures" / "formats"
 
 

@@ -6,7 +6,6 @@ import gzip
 import struct
 import sys
 import tracemalloc
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +20,8 @@ from engine.formats.transform import transform_gaussians
 from engine.scene import rotations_from_quats
 from engine.scene.gaussians import Gaussians
 
-RandomGaussians = Callable[..., Gaussians]
+from .conftest import RandomGaussians
+
 FOLDER = Path(__file__).resolve().parents[2] / "fixtures" / "formats"
 
 

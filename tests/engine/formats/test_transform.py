@@ -18,7 +18,7 @@ from engine.formats.transform import (
 from engine.scene import rotations_from_quats, unit_quats
 from engine.scene.gaussians import Gaussians
 
-RandomGaussians = Callable[..., Gaussians]
+from .conftest import RandomGaussians
 
 
 def rotation(seed: int) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +15,10 @@ from engine.formats.usd import PRIM_TYPE, write_usd
 from engine.formats.usd_elsewhere import write_usd_elsewhere
 from engine.formats.usd_reading import read_usd
 from engine.scene import rotations_from_quats
-from engine.scene.gaussians import Gaussians
+
+from .conftest import RandomGaussians
 
 pxr_usd = pytest.importorskip("pxr.Usd", reason="usd-core is optional: requirements/formats.txt")
-
-RandomGaussians = Callable[..., Gaussians]
 
 
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usd"])

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from .pipeline.test_training_device import Computer, computer  # noqa: F401
+from .conftest import Computer
 
 
 def test_a_setting_of_the_command_line_is_trained_with_recorded_and_part_of_the_key(
-    computer: Computer,  # noqa: F811
+    computer: Computer,
 ) -> None:
     first = ("--until", "training", "--set", "steps=7", "--set", "lr_means=2e-3")
     computer.run(*first)
@@ -21,7 +21,7 @@ def test_a_setting_of_the_command_line_is_trained_with_recorded_and_part_of_the_
     assert computer.stored()["stages"]["training"]["figures"]["steps"] != 7
 
 
-def test_an_unknown_setting_is_refused_with_the_names_before_any_work(computer: Computer) -> None:  # noqa: F811
+def test_an_unknown_setting_is_refused_with_the_names_before_any_work(computer: Computer) -> None:
     error = computer.run("--set", "lr_mean=1").error
     assert "no setting `lr_mean`" in error and "lr_means_end" in error
     assert not (computer.scene / "project.json").exists()
