@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 import types
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import ROOT
+
 PACKAGE = "gaussian_heritage_without_blender"
 
 # Empty parent packages: modules that need no bpy can be imported without running the add-on's __init__, which needs it.

@@ -27,9 +27,7 @@ from engine.scene import CameraSet, Gaussians, PinholeCamera
 from engine.training import start_gaussians, train
 from engine.training.settings import PRESETS
 from engine.training.views import TrainingView
-from tests.conftest import PATIENCE
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import PATIENCE, ROOT
 
 
 def views_of_a_set() -> tuple[CameraSet, list[TrainingView]]:

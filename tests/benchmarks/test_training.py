@@ -16,8 +16,8 @@ from benchmarks.training.variants import VARIANTS
 from engine.core.errors import SettingsError
 from engine.core.files import write_json
 from engine.training.settings import PRESETS
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 CURVE = [{"cpu_seconds": seconds, "psnr": psnr} for seconds, psnr in ((10.0, 18.0), (100.0, 20.0))]
 FIGURES = Measured(
     psnr=20.0, fitted_psnr=21.0, ssim=0.5, steps=3000, n_gaussians=40_000, wall_seconds=60.0, cpu_seconds=100.0,

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from .sources import nodes
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
+from .sources import nodes
 
 LEAST_TAGS = {"training": 78, "pipeline/planning": 36, "objects/grounding": 15, "objects": 28, "core/words": 2}
 """Packages of the engine that are read, and the tags that each has at least: fitted numbers do not lose theirs."""

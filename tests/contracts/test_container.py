@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shlex
 from fnmatch import fnmatch
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,8 +12,7 @@ import yaml
 
 from engine.cli.main import build_parser
 from engine.serve import job_queue
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import ROOT
 
 
 def instructions() -> list[tuple[str, str]]:

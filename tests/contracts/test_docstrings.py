@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 import re
-from pathlib import Path
+
+from tests.conftest import ROOT
 
 from .sources import nodes, parsed
 
-ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import functools
 import re
-from pathlib import Path
 
 import pytest
 
 from engine.core.words import split_texts, word_list
 from engine.objects.spatial import parse_spatial
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted(
     file
     for pattern in (

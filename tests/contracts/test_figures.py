@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 
 from engine.quality.evaluation.settings import IN_SAMPLE_SCENES
+from tests.conftest import ROOT
 
 from .test_constants import SETS
-
-ROOT = Path(__file__).resolve().parents[2]
 
 HEADING = "## How good, how long"
 MOST_FIGURES = 12

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import ROOT
+
 sys.path.insert(0, str(ROOT / "scripts"))
 
 from check_contracts import check_imports, copy_code  # noqa: E402

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import ast
-from pathlib import Path
 
 import pytest
 
+from tests.conftest import ROOT
+
 from .sources import nodes
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("gaussian_heritage_addon", "operators")
 CHECKED = ROOT / "gaussian_heritage_addon" / "blender" / "world_placement.py"
 STALE = ("matrix_world", "matrix_local")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from .sources import parsed
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
+from .sources import parsed
 
 
 def public_names(face: Path) -> set[str]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import ast
 import functools
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
+from tests.conftest import ROOT
+
 from .sources import parsed
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("engine", "gaussian_heritage_addon", "operators")
 CHECKED = "engine/core/files"
 """The package that reads, writes and deletes."""

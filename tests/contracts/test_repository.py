@@ -7,9 +7,10 @@ import re
 import subprocess
 from pathlib import Path
 
+from tests.conftest import ROOT
+
 from .sources import nodes, parsed
 
-ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import ROOT
+
 from .sources import nodes
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("engine", "gaussian_heritage_addon", "operators", "scripts")
 PLACE = "engine/core/system"
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
+from tests.conftest import ROOT
+
 from .sources import nodes
 
-ROOT = Path(__file__).resolve().parents[2]
 LEAST_SECONDS = 60.0
 _CLOCKS = frozenset({"monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "process_time", "thread_time"})
 _WAITS = frozenset({"wait", "join", "communicate"})

@@ -7,15 +7,12 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from engine.cli.main import main
-from tests.conftest import PATIENCE
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import PATIENCE, ROOT
 
 
 @dataclass(frozen=True)

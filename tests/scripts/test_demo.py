@@ -11,7 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import ROOT
+
 sys.path.insert(0, str(ROOT / "scripts"))
 
 # Not as `demo`, which is a folder of the repository.

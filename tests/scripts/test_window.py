@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.conftest import ROOT
+
 SCRIPT = ROOT / "scripts" / "window" / "window.sh"
 PROGRAMS = {"xdotool": 'echo "$@" >>"$HOME/pressed"', **dict.fromkeys(("blender", "openbox", "Xvfb"), "exec sleep 600")}
 NAMESPACE = ["unshare", "--mount", "--propagation", "private"]

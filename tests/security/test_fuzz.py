@@ -19,8 +19,8 @@ import pytest
 from benchmarks.security.fuzz_inputs import Outcome, Workplace, corpus, outcome_of, quick_numbers
 from benchmarks.security.mutations import KINDS
 from benchmarks.security.readers import READERS, Reader
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 DAMAGED = ROOT / "tests" / "fixtures" / "damaged"
 BY_NAME = {reader.name: reader for reader in READERS}
 HAS_OPENUSD = importlib.util.find_spec("pxr") is not None

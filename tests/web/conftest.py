@@ -12,8 +12,8 @@ import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
 from benchmarks.serve.page import WEBGL, serving
+from tests.conftest import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "engine" / "serve" / "page"
 PHOTOS = sorted((ROOT / "demo" / "museum_room" / "photos").glob("*.jpg"))[:12]
 PLACES = {"desktop": (1280, 900), "phone": (390, 844)}

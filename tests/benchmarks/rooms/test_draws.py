@@ -21,10 +21,10 @@ from benchmarks.rooms.draws import (
 )
 from benchmarks.rooms.repository import Repository
 from engine.core.errors import FormatError, ProjectError
+from tests.conftest import ROOT
 
 from .repositories import commit, git, make_repository
 
-ROOT = Path(__file__).resolve().parents[3]
 HASHES = [hashlib.sha1(bytes([number])).hexdigest() for number in range(3)]
 
 

@@ -23,11 +23,11 @@ from engine.pictures import write_png
 from engine.project.folder import ProjectFolder
 from engine.scene import PhotoSet, read_photo_set, write_photo_set
 from engine.training import load_gaussians
+from tests.conftest import ROOT
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import RED, BlobScene, make_scene
 from tests.engine.quality.evaluation.test_isolation import write_truth
 
-ROOT = Path(__file__).resolve().parents[3]
 ROOM, COMMIT = CHOOSING_ROOMS[2], "0123456789abcdef" * 2 + "01234567"
 ARCHIVE = f"{ROOM.name}.tar.xz"
 MAX_BYTES = 20e6

@@ -18,11 +18,11 @@ from benchmarks.rooms.repository import Repository
 from benchmarks.rooms.results import read_result, result_file
 from benchmarks.rooms.running import MeasuringRun, is_rendered, run_command
 from engine.core.errors import EnvironmentProblem, FormatError, HeritageError, ProjectError, SettingsError
+from tests.conftest import ROOT
 
 from .made_up import measured
 from .repositories import commit, make_repository
 
-ROOT = Path(__file__).resolve().parents[3]
 ROOMS = CHOOSING_ROOMS[:2]
 
 

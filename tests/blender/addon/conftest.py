@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 Part = Callable[[str], ModuleType]
+StandIn = Callable[[str], Path]
 FOREVER = "import time\nwhile True: time.sleep(0.05)"
 """Source of a fake engine that does not end."""
 
@@ -92,7 +93,7 @@ def opened(project: Any) -> Any:
     return project
 
 
-def german_texts(part: Callable[[str], ModuleType]) -> dict[str, str]:
+def german_texts(part: Part) -> dict[str, str]:
     """Return the German texts of the interface by the English ones."""
     (german,) = (one for one in part("engine.core.language").languages() if one.code == "de")
     return dict(german.texts)
@@ -114,7 +115,7 @@ def write_object(project: Path, object_id: str, name: str, membership: np.ndarra
 
 
 @pytest.fixture
-def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+def fake_engine(installed: str, tmp_path: Path) -> Iterator[StandIn]:
     """Yield a function that makes a fake engine, which runs the given source, and returns the file of its arguments."""
 
     def make(text: str) -> Path:
@@ -142,7 +143,7 @@ def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path
 
 
 @pytest.fixture
-def fake_command(installed: str, fake_engine: Callable[[str], Path]) -> Callable[[str], list[str]]:
+def fake_command(installed: str, fake_engine: StandIn) -> Callable[[str], list[str]]:
     """Return a function that makes a fake engine, which runs the given source, and returns the command to start it."""
 
     def make(text: str) -> list[str]:
@@ -229,8 +230,11 @@ class FakeLayout:
         return Checked()
 
 
+Draw = Callable[[str], FakeLayout]
+
+
 @pytest.fixture
-def draw(part: Part) -> Callable[[str], FakeLayout]:
+def draw(part: Part) -> Draw:
     """Return a function that draws a panel by its name: ``draw("HERITAGE_PT_objects")``."""
 
     def make(name: str) -> FakeLayout:

@@ -7,16 +7,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import isolated
+from conftest import Part, isolated
 from test_render import rendered_by_cycles, rendered_by_formula, show
-
-Part = Callable[[str], ModuleType]
 
 _IN_PLAIN_BLENDER = """
 import sys

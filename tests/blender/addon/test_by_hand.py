@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import write_object
+from conftest import Part, write_object
 
-Part = Callable[[str], ModuleType]
 PHOTO = "a b/view 1.jpg"
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from conftest import Part
 
-Part = Callable[[str], ModuleType]
 LENS = (170.0, 160.0, 68.0, 44.0, -0.15, 0.04, 0.006, -0.009)
 
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import isolated, write_object
+from conftest import Part, StandIn, isolated, write_object
 from mathutils import Matrix
 
-Part = Callable[[str], ModuleType]
-StandIn = Callable[[str], Path]
 Draw = Callable[[str], Any]
 
 

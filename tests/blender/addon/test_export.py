@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, isolated, write_object
-
-Part = Callable[[str], ModuleType]
+from conftest import FakeLayout, Part, isolated, write_object
 
 
 @pytest.fixture

@@ -7,15 +7,14 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
+from conftest import Part
 from mathutils import Vector
 
-Part = Callable[[str], ModuleType]
 RandomGaussians = Callable[..., Any]
 FILES = Path(os.environ["GAUSSIAN_HERITAGE_FIXTURES"]) / "formats"
 UTM = (500_123.0, 4_649_876.0, 35.0)

@@ -11,10 +11,7 @@ import blf
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, german_texts, isolated
-
-Part = Callable[[str], ModuleType]
-Draw = Callable[[str], FakeLayout]
+from conftest import Draw, FakeLayout, Part, german_texts, isolated
 
 
 @pytest.fixture

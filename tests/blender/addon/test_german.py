@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
-from conftest import german_texts
+from conftest import Part, german_texts
 
-Part = Callable[[str], ModuleType]
 _TYPES = (
     bpy.types.Operator,
     bpy.types.Panel,

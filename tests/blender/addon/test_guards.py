@@ -6,14 +6,13 @@ import importlib
 import inspect
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
-from conftest import FakeLayout
+from conftest import FakeLayout, Part
 
-Part = Callable[[str], ModuleType]
 ERRORS = [RuntimeError("a"), MemoryError(), KeyError("b"), UnicodeDecodeError("utf-8", b"\xff", 0, 1, "c")]
 """Operators fail with each of them. One is enough for the other guards, which make their sentences in the same way."""
 

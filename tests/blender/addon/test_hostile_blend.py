@@ -11,15 +11,14 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, write_object
+from conftest import FakeLayout, Part, write_object
 
-Part = Callable[[str], ModuleType]
 Change = Callable[[], object]
 PANELS = ("HERITAGE_PT_scene", "HERITAGE_PT_objects", "HERITAGE_PT_progress", "HERITAGE_PT_training")
 DISPLAY = "Gaussian Splats"

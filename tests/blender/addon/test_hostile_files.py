@@ -15,8 +15,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from conftest import Part
 
-Part = Callable[[str], ModuleType]
 Damage = Callable[[Path], object]
 
 PROPERTIES = [

@@ -10,10 +10,8 @@ from typing import Any
 
 import bpy
 import pytest
-from conftest import FOREVER, FakeLayout, forget_jobs, poll_to_the_end, segment_in_engine
+from conftest import FOREVER, Draw, StandIn, forget_jobs, poll_to_the_end, segment_in_engine
 
-StandIn = Callable[[str], Path]
-Draw = Callable[[str], FakeLayout]
 NAMED_BY_PROMPT = """
 project, name = Path(sys.argv[4]), sys.argv[6]
 write_object(project, name, name, np.r_[np.zeros(90), np.ones(10)].astype(np.float32))

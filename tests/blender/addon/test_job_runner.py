@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,11 +10,16 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import FOREVER, FakeLayout, forget_jobs, poll_to_the_end, segment_in_engine, write_object
-
-Part = Callable[[str], ModuleType]
-StandIn = Callable[[str], Path]
-Draw = Callable[[str], FakeLayout]
+from conftest import (
+    FOREVER,
+    Draw,
+    Part,
+    StandIn,
+    forget_jobs,
+    poll_to_the_end,
+    segment_in_engine,
+    write_object,
+)
 
 
 @pytest.fixture

@@ -6,14 +6,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-
-Part = Callable[[str], ModuleType]
+from conftest import Part
 
 
 def open_project(project: Any) -> bpy.types.Object:

@@ -11,8 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-
-Part = Callable[[str], ModuleType]
+from conftest import Part
 
 
 def measure(part: Part, project: Any, metres: float = 3.0) -> np.ndarray:

@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 import struct
 import zlib
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, isolated, write_object
-
-Part = Callable[[str], ModuleType]
-StandIn = Callable[[str], Path]
+from conftest import FakeLayout, Part, StandIn, isolated, write_object
 
 
 def png() -> bytes:

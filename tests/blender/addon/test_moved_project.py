@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import pytest
-from conftest import isolated
-
-Part = Callable[[str], ModuleType]
+from conftest import Part, isolated
 
 
 @pytest.fixture

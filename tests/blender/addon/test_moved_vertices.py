@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-
-Part = Callable[[str], ModuleType]
+from conftest import Part
 
 
 @pytest.fixture

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-
-Part = Callable[[str], ModuleType]
+from conftest import Part
 
 pytestmark = pytest.mark.skipif(bpy.app.version < (5, 3, 0), reason="Blender 5.3 and newer have the type")
 

@@ -11,10 +11,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import isolated, write_object
+from conftest import Part, StandIn, isolated, write_object
 
-Part = Callable[[str], ModuleType]
-StandIn = Callable[[str], Path]
 Draw = Callable[[str], Any]
 
 PROJECT = "project = Path(sys.argv[4])\n"

@@ -12,12 +12,9 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, forget_jobs, write_object
+from conftest import Draw, FakeLayout, Part, StandIn, forget_jobs, write_object
 
-Part = Callable[[str], ModuleType]
-StandIn = Callable[[str], Path]
 Command = Callable[[str], list[str]]
-Draw = Callable[[str], FakeLayout]
 
 
 @pytest.fixture

@@ -6,15 +6,12 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import isolated, write_object
-
-Part = Callable[[str], ModuleType]
+from conftest import Part, isolated, write_object
 
 METRES = 2.123
 PHOTO = "a b/view 1.jpg"

@@ -10,9 +10,9 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from conftest import Part
 from mathutils import Matrix, Quaternion, Vector
 
-Part = Callable[[str], ModuleType]
 RandomGaussians = Callable[..., Any]
 
 

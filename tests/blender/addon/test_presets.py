@@ -12,9 +12,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, write_object
+from conftest import FakeLayout, Part, write_object
 
-Part = Callable[[str], ModuleType]
 ADDON = "gaussian_heritage_addon"
 MEMBERSHIP = np.linspace(0, 1, 100, dtype=np.float32)
 FORECAST = (

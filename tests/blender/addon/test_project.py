@@ -11,9 +11,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from conftest import Part
 from mathutils import Vector
-
-Part = Callable[[str], ModuleType]
 
 
 def open_project(project: Any) -> bpy.types.Object:

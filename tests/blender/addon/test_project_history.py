@@ -12,12 +12,10 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import isolated, write_object
+from conftest import Part, StandIn, isolated, write_object
 
-Part = Callable[[str], ModuleType]
 Shown = dict[str, int]
 """Gaussians of each object, by name."""
-StandIn = Callable[[str], Path]
 
 ENGINE = """
 import os

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
+from conftest import Part
 from mathutils import Matrix
-
-Part = Callable[[str], ModuleType]
 
 
 def rendered_by_formula(part: Part, gaussians: Any, camera: Any, *, linear: bool) -> np.ndarray:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import pytest
-
-Part = Callable[[str], ModuleType]
+from conftest import Part
 
 
 def settings() -> tuple[Any, ...]:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
-from conftest import isolated, write_object
-
-Part = Callable[[str], ModuleType]
+from conftest import Part, isolated, write_object
 
 
 @pytest.fixture

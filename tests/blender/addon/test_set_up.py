@@ -5,17 +5,13 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
-from conftest import FakeLayout, forget_jobs
-
-Part = Callable[[str], ModuleType]
-Draw = Callable[[str], FakeLayout]
+from conftest import Draw, FakeLayout, Part, forget_jobs
 
 
 @pytest.fixture

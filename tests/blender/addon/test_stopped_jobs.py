@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import bpy
 import pytest
-from conftest import FOREVER, FakeLayout, forget_jobs, poll_to_the_end, segment_in_engine
+from conftest import FOREVER, Draw, FakeLayout, Part, StandIn, forget_jobs, poll_to_the_end, segment_in_engine
 
-StandIn = Callable[[str], Path]
-Draw = Callable[[str], FakeLayout]
-Part = Callable[[str], ModuleType]
 FAILS_FOR_BUST = """
 if any("bust" in word for word in sys.argv):
     say('error', message='The disk is full.', error='DiskError')

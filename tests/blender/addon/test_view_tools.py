@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
+from conftest import Part
 from test_clicking import Tool, Window
-
-Part = Callable[[str], ModuleType]
 
 TOOLS = [
     ("measure_scene", "HERITAGE_OT_measure", {"action": "NORTH", "points_on_photos": ()}, "North"),

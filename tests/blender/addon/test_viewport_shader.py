@@ -8,16 +8,15 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import bpy
 import gpu
 import numpy as np
 import pytest
+from conftest import Part
 from mathutils import Matrix
 
-Part = Callable[[str], ModuleType]
 CHECK = "import gpu; gpu.init(); print(gpu.platform.renderer_get())"
 
 

@@ -16,10 +16,10 @@ from engine.formats import DEFAULT_FORMAT, FORMATS, FileFacts, WritingTools, for
 from engine.pictures import decode_picture, encode_picture
 from engine.scene import Gaussians
 from engine.serve.downloads import DownloadFormat
+from tests.conftest import ROOT
 
 MakeGaussians = Callable[..., Gaussians]
 
-ROOT = Path(__file__).resolve().parents[3]
 WRITTEN = [one.name for one in FORMATS if one.write is not None]
 RECORD = {"title": "Wedding vase 1906"}
 

@@ -16,10 +16,10 @@ from engine.core.events import Event, Warned
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 from engine.training.views import is_held_out
+from tests.conftest import ROOT
 
 from .test_reading import names
 
-ROOT = Path(__file__).resolve().parents[3]
 MUSEUM = sorted((ROOT / "demo" / "museum_room" / "photos").glob("*.jpg"))
 # Blur is another matter: a small copy is softer or sharper than its original.
 ANY_SHARPNESS = PhotoSettings(blur_ratio=0.0)

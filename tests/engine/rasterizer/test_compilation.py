@@ -16,9 +16,9 @@ from numba.core import event
 from engine.scene.camera import PinholeCamera
 from engine.training.adam import AdamState, adam_step
 from engine.training.losses.photometric import photometric_loss
+from tests.conftest import ROOT
 from tests.engine.rasterizer.scenes import random_scene
 
-_ROOT = Path(__file__).parents[3]
 _COMPILE = """
 import logging
 from engine.training.compilation import compile_kernels
@@ -51,7 +51,7 @@ _WITHOUT_AVX = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "+sse2"}
 
 
 def _python(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    settings = {**os.environ, "PYTHONPATH": str(_ROOT), **environment}
+    settings = {**os.environ, "PYTHONPATH": str(ROOT), **environment}
     return subprocess.run([sys.executable, "-c", code], env=settings, capture_output=True, text=True, check=True)
 
 

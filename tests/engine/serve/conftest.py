@@ -22,7 +22,7 @@ from PIL import Image
 from engine.core.engine_process import engine_environment
 from engine.serve import ServeSettings, job_queue
 from engine.serve.app import create_app
-from tests.conftest import PATIENCE
+from tests.conftest import PATIENCE, ROOT
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BlobScene, make_scene
 
@@ -44,7 +44,6 @@ say("progress", stage="training", fraction=0.5, seconds_left=3.0, message="")
 say("metric", stage="training", name="psnr", value=21.5, step=10, seconds=1.5)
 """
 
-ROOT = Path(__file__).resolve().parents[3]
 PROGRAM = """
 import sys
 from pathlib import Path

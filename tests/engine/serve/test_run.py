@@ -16,9 +16,7 @@ from engine.core.errors import EnvironmentProblem, ProjectError, SettingsError
 from engine.core.events import ignore_events
 from engine.serve import Accounts, ServeSettings, check_server, run, run_server
 from engine.serve.certificate import certificate_files
-from tests.conftest import PATIENCE
-
-ROOT = Path(__file__).resolve().parents[3]
+from tests.conftest import PATIENCE, ROOT
 
 
 def test_server_says_where_it_is_and_ends_when_asked(start: Callable[..., tuple[subprocess.Popen[str], str]]) -> None:

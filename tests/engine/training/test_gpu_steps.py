@@ -18,14 +18,13 @@ from engine.rasterizer.gpu import Gpu, open_adapter
 from engine.training.checkpoint import CHECKPOINT_FILE
 from engine.training.gpu import steps as gpu_steps
 from engine.training.result import TrainingResult
-from tests.conftest import wait_until
+from tests.conftest import ROOT, wait_until
 
 from ..cards import card_or_skip
 from .conftest import Scene
 from .test_loop import QUICK, run, same, stop_after
 
 ON_CARD = QUICK.changed(backend="gpu", steps=60, transients=True)
-ROOT = Path(__file__).parents[3]
 
 
 def opened(node: pytest.Item | pytest.Module, patch: pytest.MonkeyPatch) -> Gpu:

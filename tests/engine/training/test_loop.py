@@ -24,14 +24,13 @@ from engine.training.loop import train
 from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
 from engine.training.settings import PRESETS, TrainingSettings
-from tests.conftest import wait_until
+from tests.conftest import ROOT, wait_until
 
 from .conftest import Scene
 from .segment_agreement import segment_agreement, untrained_features
 
 QUICK = PRESETS["test"]
 LONGER = QUICK.changed(steps=400, curve_points=4)
-ROOT = Path(__file__).parents[3]
 
 
 def run(

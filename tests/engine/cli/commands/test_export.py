@@ -32,11 +32,10 @@ from engine.scene import (
 )
 from engine.scene.detailed import Detailed
 from engine.training import save_gaussians
+from tests.conftest import ROOT
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
-
-ROOT = Path(__file__).resolve().parents[4]
 
 
 def write(capsys: pytest.CaptureFixture[str], kind: str, scene: Path, out: Path, *more: str) -> Answer:

@@ -12,10 +12,9 @@ import pytest
 from engine.cli.main import main
 from engine.core.system import machine
 from engine.training.settings import PRESET_LIST
+from tests.conftest import ROOT
 from tests.engine.command_line import call
 from tests.engine.museum import VIEWS, write_cameras, write_photos
-
-ROOT = Path(__file__).resolve().parents[4]
 
 
 @pytest.fixture

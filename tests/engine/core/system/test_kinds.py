@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 
 import pytest
 
 from engine.core.system import SYSTEMS, kinds, this_system, unsupported
-
-ROOT = Path(__file__).resolve().parents[4]
+from tests.conftest import ROOT
 
 
 @pytest.mark.parametrize(

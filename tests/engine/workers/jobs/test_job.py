@@ -16,9 +16,8 @@ import pytest
 from engine.core import engine_process, errors
 from engine.core.system import start_time
 from engine.workers.jobs import job as jobs
-from tests.conftest import wait_until
+from tests.conftest import ROOT, wait_until
 
-ROOT = Path(__file__).resolve().parents[4]
 Script = Callable[[str], list[str]]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 
