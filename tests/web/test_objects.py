@@ -17,7 +17,7 @@ from engine.formats import read_ply
 from engine.scene import Gaussians
 from tests.conftest import wait_until
 
-from .conftest import RUN_MS, keep_picture, wait_for_scene
+from .conftest import RUN_MS, VIEWER_MS, keep_picture, wait_for_scene
 from .test_page import downloaded
 
 OpenPage = Callable[..., Page]
@@ -54,6 +54,11 @@ def isolate(page: Page, words: str) -> None:
 def card(page: Page, name: str) -> Locator:
     """Return the card of an object."""
     return page.locator("li.object").filter(has=page.locator(".object-name", has_text=re.compile(f"^{name}$")))
+
+
+def wait_until_lit(page: Page, name: str) -> None:
+    """Wait until the viewer has lit an object, which the page tells screen readers."""
+    expect(page.get_by_text(f"{name} is lit in the scene.")).to_be_attached(timeout=VIEWER_MS)
 
 
 def vase(page: Page) -> Locator:

@@ -19,10 +19,11 @@ from engine.formats import read_ply
 from engine.project.objects import MuseumRecord, ObjectRecord, save_object, save_record
 from engine.scene import Gaussians
 from engine.scene.camera import Camera
+from tests.conftest import wait_until
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, make_scene
 
-from .conftest import PLACES
+from .conftest import PLACES, VIEWER_MS
 from .test_language import english
 from .test_page import AXE, engine_picture, read_picture
 
@@ -96,6 +97,11 @@ def saved_picture(page: Page, file: Path) -> np.ndarray:
     return read_picture(file)
 
 
+def share_of_blue(shown: np.ndarray) -> float:
+    """Return the share of pixels that are blue rather than red."""
+    return float((shown[..., 2] - shown[..., 0] > 0.3).mean())
+
+
 @pytest.mark.web
 def test_page_shows_title_record_and_unit_and_runs_no_script_of_the_record(
     open_file: Callable[..., Page], pages: dict[str, Path]
@@ -131,22 +137,20 @@ def test_object_of_an_exported_scene_is_lit_hidden_and_the_rest_dimmed(
     plain = saved_picture(page, tmp_path / "plain.png")
     page.get_by_role("button", name="Hide ball").click()
     expect(page.get_by_role("button", name="Show ball")).to_be_visible()
-    hidden = saved_picture(page, tmp_path / "hidden.png")
     # The blue ball is in the picture of the first view, as it is between the others.
-    blue = plain[..., 2] - plain[..., 0]
-    assert (blue > 0.3).mean() > 0.002 and ((hidden[..., 2] - hidden[..., 0]) > 0.3).mean() < 0.0005
+    assert share_of_blue(plain) > 0.002
+    wait_until(lambda: share_of_blue(saved_picture(page, tmp_path / "hidden.png")) < 0.0005)
     light = page.locator("button.point")
     light.click()
     expect(light).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_text("is lit in the scene.")).to_be_attached(timeout=VIEWER_MS)
     lit = saved_picture(page, tmp_path / "lit.png")
     page.get_by_label("Dim what is not lit").check()
-    page.wait_for_timeout(500)
-    assert saved_picture(page, tmp_path / "dimmed.png").mean() < 0.9 * lit.mean()
+    wait_until(lambda: saved_picture(page, tmp_path / "dimmed.png").mean() < 0.9 * lit.mean())
     page.get_by_role("button", name="First view").click()
     light.click()
     page.get_by_label("Dim what is not lit").uncheck()
-    page.wait_for_timeout(500)
-    assert np.abs(saved_picture(page, tmp_path / "again.png") - plain).max() < 0.1
+    wait_until(lambda: np.abs(saved_picture(page, tmp_path / "again.png") - plain).max() < 0.1)
 
 
 @pytest.mark.web
@@ -162,8 +166,7 @@ def test_view_is_turned_and_measured_by_keyboard_alone(open_file: Callable[..., 
     expect(canvas).to_be_focused()
     before = canvas.screenshot()
     page.keyboard.press("ArrowLeft")
-    page.wait_for_timeout(500)
-    assert canvas.screenshot() != before
+    wait_until(lambda: canvas.screenshot() != before)
     page.keyboard.press("m")
     measured = page.locator(".measured")
     page.keyboard.press("Enter")

@@ -13,7 +13,7 @@ from benchmarks.rooms.keeping import KEPT_FOLDER, unpack_room
 from benchmarks.serve.page import serving
 
 from .conftest import ROOT, RUN_MS, keep_picture, wait_for_scene
-from .test_objects import card, isolate
+from .test_objects import card, isolate, wait_until_lit
 
 WORD = "ciborium"
 """Unknown to the vocabulary. Both rooms have goblets, of other materials."""
@@ -58,5 +58,6 @@ def test_word_taught_by_a_clicked_object_finds_the_like_in_another_room(rooms: t
     isolate(page, WORD)
     found = card(page, WORD)
     expect(found.locator("button.point[aria-pressed=true]")).to_be_visible(timeout=RUN_MS)
+    wait_until_lit(page, WORD)
     page.evaluate("scrollTo(0, 0)")
     keep_picture(page, "taught_word")
