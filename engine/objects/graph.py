@@ -261,6 +261,43 @@ class SceneGraph:
         union = (sets @ self._all_pixels)[:, None] + others @ self._all_pixels - common
         return np.asarray(common / np.maximum(union, _SMALLEST), np.float32)
 
+    def outline_shares(self, members: Mask, least: float, *, by_most: bool) -> Float32:
+        """Return the share of the pixels of each Gaussian that lie inside of the outlines of a set.
+
+        The outline in a photo is the segment that fits the set best. Other photos say nothing.
+
+        Parameters
+        ----------
+        members : array of shape [N], bool
+        least : float
+            IoU of a segment with the set, in pixels, from which on it is an outline.
+        by_most : bool
+            Whether half of the photos that show the set well (`LARGE`) need an outline.
+
+        Returns
+        -------
+        array of shape [N], float32
+            0 to 1. NaN for what other photos show more (`LARGE`), and for all where there are too few outlines.
+        """
+        iou, shown = self._segment_ious(csr_matrix(members[None], dtype=np.float32))
+        best = np.zeros_like(shown)
+        np.maximum.at(best.T, self.photo, iou.T)
+        outlines = np.flatnonzero((iou[0] >= least) & (iou[0] == best[0, self.photo]))
+        well = (shown[0] > 0) & (shown[0] >= LARGE * shown[0].max(initial=0))
+        if by_most and (best[0, well] >= least).sum() < LARGE * well.sum():
+            outlines = outlines[:0]
+        inside = np.asarray(self.segments[:, outlines].sum(axis=1), np.float32).ravel()
+        seen = self._by_photo[:, np.unique(self.photo[outlines])].sum(axis=1)
+        clear = (seen > 0) & (seen >= LARGE * self._all_pixels)
+        return np.divide(inside, seen, out=np.full_like(inside, np.nan), where=clear)
+
+    def _segment_ious(self, sets: csr_matrix) -> tuple[Float32, Float32]:
+        """Return the IoU, in pixels, of K sets of Gaussians with each segment, [K, M], and what `shown` returns."""
+        shown, common = self.shown(sets), np.asarray((sets @ self.segments).toarray(), np.float32)
+        pixels = np.asarray(self.segments.sum(axis=0), np.float32).ravel()
+        union = shown[:, self.photo] + pixels - common
+        return common / np.maximum(union, _SMALLEST) * self.is_segment, shown
+
     def outline_agreement(self, sets: csr_matrix) -> Float32:
         """Return how well the photos' segments agree with K sets of Gaussians.
 
@@ -274,9 +311,7 @@ class SceneGraph:
             The IoU, in pixels, of the set with the segment that fits it best, 0 to 1: the median over the photos that
             show the set well (`LARGE`). 0 for a set that no photo shows.
         """
-        shown, common = self.shown(sets), np.asarray((sets @ self.segments).toarray(), np.float32)
-        pixels = np.asarray(self.segments.sum(axis=0), np.float32).ravel()
-        iou = common / np.maximum(shown[:, self.photo] + pixels - common, _SMALLEST) * self.is_segment
+        iou, shown = self._segment_ious(sets)
         best = np.zeros_like(shown)
         np.maximum.at(best.T, self.photo, iou.T)
         well = (shown > 0) & (shown >= LARGE * shown.max(axis=1, initial=0, keepdims=True))

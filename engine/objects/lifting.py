@@ -35,6 +35,12 @@ _LEVEL_COST = (
 )
 """IoU with the masks that a level must gain for each step from `_USUAL`, and that a foot or a pedestal may cost."""
 
+_FITTING_OUTLINE, _EXACT_OUTLINE = 0.5, 0.75  # chosen on room_1, room_3, room_5, room_7, room_8
+"""IoU of a segment with an object from which on it tells what may be its foot, and what is none of its members."""
+
+_LEAST_INSIDE = 0.2  # chosen on room_1, room_3, room_5, room_7, room_8
+"""Least share of the pixels of a member that lie inside of these outlines."""
+
 _TOGETHER = 4
 """Objects that are solved together: each step reads the links once for all of them."""
 
@@ -145,12 +151,13 @@ def _nested(context: SegmentationContext, solved: Float32, masks: Sequence[MaskE
 def _standing(context: SegmentationContext, levels: Float32, chosen: int, masks: Sequence[MaskEvidence]) -> Float32:
     """Return levels, [7, N], of which the chosen one is the object with its foot and without its pedestal.
 
-    They stay as they are if the masks show otherwise.
+    Where no mask was given, the outlines in the photos say what else is missing and too much (`_outlined`). The levels
+    stay as they are if the masks show otherwise.
 
     Its foot belongs to this level and all larger ones, and what carries it only to larger ones.
     """
     members = levels[chosen] >= MEMBER_THRESHOLD
-    whole = standing(members, context.surfaces, context.means)
+    whole = standing(members, context.surfaces, context.means) if masks else _outlined(context, members)
     if masks:
         before, after = _fits(context, np.stack([members, whole]), masks)
         if after < before - _LEVEL_COST:
@@ -161,6 +168,14 @@ def _standing(context: SegmentationContext, levels: Float32, chosen: int, masks:
     changed[: chosen + 1, carrier] *= BELOW_THRESHOLD
     changed[chosen:, foot] = 1 - (1 - changed[chosen:, foot]) * MEMBER_THRESHOLD
     return changed
+
+
+def _outlined(context: SegmentationContext, members: Mask) -> Mask:
+    """Return a set, [N], as it stands, with all of its foot and without what photos show beside its outlines."""
+    graph = context.graph
+    inside = graph.outline_shares(members, _FITTING_OUTLINE, by_most=False)
+    whole = standing(members, context.surfaces, context.means, inside >= _LEAST_INSIDE)
+    return whole & ~(graph.outline_shares(whole, _EXACT_OUTLINE, by_most=True) < _LEAST_INSIDE)
 
 
 def _fitting(context: SegmentationContext, members: Mask, masks: Sequence[MaskEvidence]) -> int:

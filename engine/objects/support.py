@@ -92,18 +92,21 @@ def horizontal_surfaces(gaussians: Gaussians) -> Surfaces:
     return Surfaces(spots.reshape(-1, 3), np.repeat(areas, len(_SPOTS)))
 
 
-def standing(members: Mask, surfaces: Surfaces, means: Float32) -> Mask:
+def standing(members: Mask, surfaces: Surfaces, means: Float32, likely: Mask | None = None) -> Mask:
     """Return a set with the foot that it stands on, and without what carries it.
 
     Where a horizontal surface is seen around the set, what lies below it is left out, and so is what lies in it beside
-    the ground plan of what stands on it. What lies between the surface and the set, in its ground plan, is its foot. A
-    set without such a surface, which may hang on a wall, stays as it is.
+    the ground plan of what stands on it. What lies between the surface and the set, in its ground plan, is its foot:
+    all that is below the whole set, and what is `likely` below the members above it. A set without such a surface,
+    which may hang on a wall, stays as it is.
 
     Parameters
     ----------
     members : array of shape [N], bool
     means : array of shape [N, 3], float32
         Positions of the Gaussians.
+    likely : array of shape [N], bool, or None
+        Gaussians that photos show inside of the outlines of the set; none without it.
 
     Returns
     -------
@@ -113,7 +116,7 @@ def standing(members: Mask, surfaces: Surfaces, means: Float32) -> Mask:
         return members
     plan = _Plan(members, surfaces, means)
     support = plan.support()
-    return members if support is None else plan.standing(support)
+    return members if support is None else plan.standing(support, likely)
 
 
 class _Plan:
@@ -182,7 +185,7 @@ class _Plan:
         exact = float(np.average(self.spots[around, 2], weights=self.areas[around]))
         return _Support(exact, float(np.minimum(areas[ring], 1).mean()))
 
-    def standing(self, support: _Support) -> Mask:
+    def standing(self, support: _Support, likely: Mask | None) -> Mask:
         """Return what of the set stands on a surface, with its foot."""
         height, z = support.height, self.heights
         outline = self._above(height + 2 * self.step)
@@ -193,5 +196,20 @@ class _Plan:
         clear = z > height + self.step
         found = self.members & (z > height - self.step) & (clear | inside)
         if support.cover >= _CLEAR_COVER:
-            found |= clear & inside & (z < self.bottom)
+            below = z < self.bottom
+            if likely is not None:
+                below |= likely & (z < self._lowest_above(height + self.step, outline)[self.cell_of])
+            found |= clear & inside & below
         return np.asarray(found)
+
+    def _lowest_above(self, height: float, outline: _Outline) -> Float32:
+        """Return the height of the lowest member above a height in each cell, or of the highest such one near it.
+
+        Minus infinity in cells without members near them.
+        """
+        above = np.flatnonzero(self.members & (self.heights > height))
+        lowest = np.full(_CELLS * _CELLS, np.inf, np.float32)
+        np.minimum.at(lowest, self.cell_of[above], self.heights[above])
+        lowest[np.isinf(lowest)] = -np.inf
+        side = 2 * max(1, round(_RING[0] * outline.radius / self.cell)) + 1
+        return cv2.dilate(lowest.reshape(_CELLS, _CELLS), np.ones((side, side))).ravel()

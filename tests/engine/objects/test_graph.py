@@ -169,6 +169,17 @@ def test_segments_of_the_photos_agree_with_a_thing_more_than_with_its_part_or_tw
     assert whole > 0.8 and whole > part + 0.1 and whole > two + 0.1 and nothing == 0
 
 
+def test_outlines_show_which_gaussians_of_a_set_are_something_else(blobs: BlobScene, graph: SceneGraph) -> None:
+    blue, red = blobs.part == BLUE, blobs.part == RED
+    strip = red & (np.cumsum(red) <= 0.1 * red.sum())
+    shares = graph.outline_shares(blue | strip, 0.75, by_most=True)
+    assert np.nanmedian(shares[blue]) > 0.9 and np.nanmax(shares[strip]) < 0.2
+    seen = np.isfinite(shares)
+    assert seen[blue].any() and ((shares[seen] >= 0) & (shares[seen] <= 1)).all()
+    two = graph.outline_shares(blue | red, 0.75, by_most=True)
+    assert np.isnan(two).all(), "no segment is the outline of two balls"
+
+
 def test_graph_is_kept_and_made_again_when_the_scene_or_the_file_changed(
     blobs: BlobScene, views: Views, graph: SceneGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

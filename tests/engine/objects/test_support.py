@@ -53,6 +53,16 @@ def test_foot_that_was_left_with_the_table_belongs_to_the_goblet() -> None:
     assert (stood(scene, cup) == (cup | foot)).all()
 
 
+def test_foot_beside_a_splinter_that_reaches_the_table_is_added_where_outlines_show_it() -> None:
+    scene, (_, cup, splinter, foot, stray) = scene_of(
+        (flat_on(0, 1.5), True), (column(0.2, 1.2, 0.3), False), (np.array([[0.2, 0, 0.06]]), False),
+        (column(0.06, 0.2, 0.15), False), (column(1.3, 1.4, 0.2), False),
+    )  # fmt: skip
+    broken, surfaces = cup | splinter, horizontal_surfaces(scene)
+    assert (standing(broken, surfaces, scene.means) == broken).all()
+    assert (standing(broken, surfaces, scene.means, foot | stray) == (broken | foot)).all(), "what is above is no foot"
+
+
 def test_pedestal_that_was_found_with_the_ship_is_left_out() -> None:
     scene, (_, top, sides, ship) = scene_of(
         (flat_on(0, 3, hole=0.7), True), (flat_on(1, 0.6), True), (column(0.4, 0.95, 0.5, hollow=0.42), False),
