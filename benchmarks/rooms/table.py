@@ -45,7 +45,7 @@ nothing was chosen on them. Exhibits of rooms *of models* are 3D models of other
   first, which loads the models; the worst is that of all rooms.
 - Find all, which only `better` can do: objects with a result of an IoU of at least 0.5, and results per room that are
   no object. Results that mostly cover furniture count neither as right nor as wrong.
-- Minutes: wall time on two cores from the seed to the result, with rendering; 8b04f2fb shared them with other work,
+- Minutes: wall time on two cores from the seed to the result, with rendering; both draws shared them with other work,
   idle ones took 8 to 18 minutes. A dash stands for what was not measured, or not measured whole because the run was
   interrupted."""
 
