@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from benchmarks.serve.page import read_picture, serving
 from engine.formats import read_ply
@@ -85,6 +85,25 @@ def picture(page: Page, folder: Path) -> NDArray[np.float64]:
 def changed(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
     """Return the share of pixels that differ clearly."""
     return float((np.abs(before - after).max(axis=2) > 0.1).mean())
+
+
+@pytest.mark.web
+def test_a_project_that_is_left_while_an_object_is_being_lit_says_nothing_later(scene: Page) -> None:
+    vase(scene)
+    # What belongs to the object is asked for again, and answered after the project was left.
+    scene.reload()
+    wait_for_scene(scene)
+    held: list[Route] = []
+    scene.route("**/members", lambda route: held.append(route))
+    card(scene, "vase").locator("button.point").click()
+    wait_until(lambda: scene.evaluate("1") and held)
+    scene.get_by_role("link", name="← All projects").click()
+    expect(scene.get_by_role("heading", name="Projects")).to_be_visible()
+    with scene.expect_response("**/members"):
+        held[0].continue_()
+    scene.evaluate("() => new Promise((resolve) => setTimeout(resolve, 0))")
+    expect(scene.get_by_text("Cannot read")).to_have_count(0)
+    expect(scene.get_by_text("vase is lit in the scene.")).to_have_count(0)
 
 
 @pytest.mark.web

@@ -108,7 +108,9 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     if (scroll) box.scrollIntoView({ block: "nearest" });
     if (!alone.hidden) await showScene();
     await looks.light(object.id);
-    const view = viewer.lookAt(await looks.members(object.id), views);
+    const members = await looks.members(object.id);
+    if (!viewer) return; // another project was opened meanwhile
+    const view = viewer.lookAt(members, views);
     if (view) mark(view.photo);
     announce(t("{} is lit in the scene.", object.name));
   }
@@ -150,6 +152,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
     try {
       tools.measure.end();
       await viewer.showOnly(url);
+      if (!viewer) return;
       viewer.frameAlone(views);
       setText(aloneText, t("{} alone", name));
       show(alone, true);
@@ -175,6 +178,7 @@ export function createStage(context, { sceneShown, openPhoto, looksChanged }) {
   function dispose() {
     disposed = true;
     viewer?.dispose();
+    viewer = null; // what waits for an answer of the server finds nothing to draw on
   }
 
   return { element, start, showObject, showScene, point, looks, photo: () => photo, dispose };
