@@ -41,6 +41,7 @@ from engine.rasterizer.settings import Backend
 from engine.scene import Gaussians, PinholeCamera
 
 from .detail import share_of_needles
+from .rooms.drawn import drawn_from
 from .rooms.draws import CHOOSING_ROOMS
 from .rooms.keeping import KEPT_FOLDER, unpack_room
 
@@ -156,7 +157,7 @@ def silhouettes(room: Path, exhibits: Sequence[Exhibit], original_from_world: Fl
     original_from_world : array of shape [4, 4]
         From the world of the project to that of the room.
     """
-    made = json.loads((room / "truth" / "room.json").read_text(encoding="utf-8"))
+    made = drawn_from(room)
     world_from_original = np.linalg.inv(original_from_world)
     views = {
         one.name: [
@@ -170,7 +171,7 @@ def silhouettes(room: Path, exhibits: Sequence[Exhibit], original_from_world: Fl
         file.write_text(json.dumps({"side": _SIDE, "views": views}), encoding="utf-8")
         script = ROOT / "demo" / "random_rooms" / "make_silhouettes.py"
         command = [str(one) for one in (python_of("blender-4.5"), script, "--cameras", file, "--out", out)]
-        command += ["--seed", str(made["seed"]), "--attempt", str(made["attempt"])]
+        command += made
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         return {
             one.name: [

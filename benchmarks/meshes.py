@@ -45,6 +45,7 @@ from engine.training import load_gaussians
 
 from .documents import print_table
 from .mesh_pictures import draw_mesh, draw_shape, enlarged
+from .rooms.drawn import drawn_from
 
 _POINTS = 30_000
 """Points of a surface that distances are measured at."""
@@ -121,10 +122,9 @@ def true_meshes(room: Path, work: Path, blender: Path | None) -> Mapping[str, np
     """Return the true meshes of a room, in its own coordinates, made by Blender where they are missing."""
     file = work / room.name / "meshes.npz"
     if not file.exists():
-        stated = json.loads((room / "truth" / "room.json").read_text(encoding="utf-8"))
         python = blender or _PYTHON / "bin" / "python"
-        command = [python, "demo/random_rooms/make_meshes.py", "--seed", stated["seed"], "--attempt", stated["attempt"]]
-        subprocess.run([str(word) for word in [*command, "--out", file]], check=True)
+        command = [python, "demo/random_rooms/make_meshes.py", *drawn_from(room), "--out", file]
+        subprocess.run([str(word) for word in command], check=True)
     with np.load(file) as arrays:
         return dict(arrays)
 

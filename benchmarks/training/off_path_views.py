@@ -25,6 +25,7 @@ from engine.objects.views import spread_cameras
 from engine.scene import Camera, CameraSet, PinholeCamera
 from engine.training import WELL_SEEN, TrainingView
 
+from ..rooms.drawn import drawn_from
 from .off_path import KINDS, N_PLACES, TrueView
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,7 +56,7 @@ def true_views(room: Path, camera_set: CameraSet, photos: Sequence[PinholeCamera
     photos : sequence of PinholeCamera
         The training photos.
     """
-    made = json.loads((room / "truth" / "room.json").read_text(encoding="utf-8"))
+    made = drawn_from(room)
     to_room = camera_set.original_from_world
     wanted = {
         name: {key: (to_room[:3, :3] @ place + to_room[:3, 3]).tolist() for key, place in places.items()}
@@ -69,7 +70,7 @@ def true_views(room: Path, camera_set: CameraSet, photos: Sequence[PinholeCamera
         file.write_text(json.dumps(cameras), encoding="utf-8")
         script = ROOT / "demo" / "random_rooms" / "make_views.py"
         command = [str(one) for one in (python_of("blender-4.5"), script, "--cameras", file, "--out", out)]
-        command += ["--seed", str(made["seed"]), "--attempt", str(made["attempt"])]
+        command += made
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         found = json.loads((out / "cameras.json").read_text(encoding="utf-8"))
         metres = float(np.cbrt(np.linalg.det(to_room[:3, :3])))
