@@ -19,6 +19,7 @@ from ..core.settings import to_dict
 from ..pictures import encode_png
 from ..project.folder import ProjectFolder
 from ..project.objects import (
+    EVIDENCE_FILE,
     PICTURE_FILE,
     ObjectRecord,
     delete_object,
@@ -408,12 +409,13 @@ class Segmenter:
         of one new object: what it teaches, and name and fingerprint of the detector that described it.
         """
         names = {record.id: record.name for record in list_objects(self.project.path)}
-        existing = [None if item.id else self._same_as(item.members, asked) for item in found]
+        shown = [item.membership >= DEFAULT_THRESHOLD for item in found]
+        existing = [None if item.id else self._same_as(one, asked) for item, one in zip(found, shown, strict=True)]
         context.tell(1.0, "Storing")
         records = []
-        for item, same in zip(found, existing, strict=True):
+        for item, one, same in zip(found, shown, existing, strict=True):
             if same is not None:
-                self.emit(Warned(found_again(item.name or name, same, int(item.members.sum()))))
+                self.emit(Warned(found_again(item.name or name, same, int(one.sum()))))
                 records.append(same)
                 continue
             suggested = {"name": item.name} if item.name else {}
@@ -423,7 +425,7 @@ class Segmenter:
             pictures: dict[str, bytes] = {}
             for best in item.evidence[:1]:
                 mask = best.view.to_photo(best.mask)
-                pictures["seed.png"] = encode_png(mask)
+                pictures[EVIDENCE_FILE] = encode_png(mask)
                 if "text" in asked and item.score < SURE_SCORE:
                     # A name that may be wrong is shown beside what it names.
                     pictures[PICTURE_FILE] = encode_png(cut_out(context.photos.picture(best.view), mask))

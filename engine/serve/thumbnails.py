@@ -10,15 +10,13 @@ import numpy as np
 
 from ..core.child_process import run_in_child
 from ..core.files import delete_derived, object_file
-from ..project.objects import RECORD_FILE, read_record
+from ..project.objects import EVIDENCE_FILE, RECORD_FILE, read_record
 from .library import NotFound, WebProject
 from .small_photos import LARGE_SIDE, write_jpeg
 
 _Box: TypeAlias = tuple[float, float, float, float]
 """Left and top edge, width and height in pixels."""
 
-_MASK = "seed.png"
-"""Mask of the object in the photo that it was found in, which `engine.objects` stores."""
 _MAX_MEMORY, _MAX_SECONDS = 8 << 30, 120.0
 """Bounds of the child process that looks for an object in the photos."""
 _SIDE = 160
@@ -40,7 +38,7 @@ def object_thumbnail(project: WebProject, object_id: str) -> Path:
         When a part of the project is damaged.
     """
     record_file = object_file(project.project, object_id, RECORD_FILE)
-    mask_file = object_file(project.project, object_id, _MASK)
+    mask_file = object_file(project.project, object_id, EVIDENCE_FILE)
     record = read_record(record_file)
     key = record_file.stat().st_mtime_ns
     file = project.cache / f"thumbnail-{object_id}-{key:x}.jpg"

@@ -5,6 +5,7 @@ Standard library and NumPy only: Blender reads them, too.
 
 from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
 from .object_record import (
+    EVIDENCE_FILE,
     MEMBERSHIP_FILE,
     PICTURE_FILE,
     RECORD_FILE,

@@ -18,6 +18,8 @@ RECORD_FILE = "object.json"
 MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE = "membership.npy", "levels.npy", "detail.npz"
 COMPUTED_FILES = (MEMBERSHIP_FILE, LEVELS_FILE, DETAIL_FILE)
 """Files of an object whose size and hash are in its record."""
+EVIDENCE_FILE = "evidence.png"
+"""Mask of the object in the photo that it was found in; what was made by hand has none."""
 PICTURE_FILE = "picture.png"
 """A picture of an object with an unsure name on a photo; only such objects have it."""
 _ADVICE = "Delete its folder and isolate the object again."

@@ -99,6 +99,20 @@ def test_text_that_means_a_stored_object_is_told_as_that_object(blobs: BlobScene
     assert ask("blue sphere") == (["blue-sphere"], [])
 
 
+def test_object_is_found_again_wherever_the_threshold_of_new_objects_starts(
+    blobs: BlobScene, project: ProjectFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asking = segmenter_of(project, blobs, SMALL)
+    asking.segment_texts(["blue ball"], None)
+    membership = load_membership(project.path, "blue-ball")
+    lower = float(np.sort(membership[membership < 0.5])[-1])
+    monkeypatch.setattr("engine.objects.segmenter.DEFAULT_THRESHOLD", lower)
+    asking.segment_texts(["blue ball"], "lower")
+    assert load_object(project.path, "lower").n_gaussians > load_object(project.path, "blue-ball").n_gaussians
+    records, _ = asking.segment_texts(["blue ball"], "again")
+    assert [record.name for record in records] == ["lower"]
+
+
 def test_corrected_object_is_found_again_by_its_word_in_capitals(blobs: BlobScene, project: ProjectFolder) -> None:
     class Any(FakeDetector):
         def check_prompt(self, prompt):  # type: ignore[no-untyped-def]

@@ -43,13 +43,13 @@ MEMBERSHIP = np.array([0.1, 0.7, 1.0], np.float32)
 
 
 def test_object_comes_back_as_it_was(tmp_path: Path) -> None:
-    save_object(tmp_path, RECORD, MEMBERSHIP, pictures={"seed.png": encode_png(np.zeros((4, 5), np.uint8))})
+    save_object(tmp_path, RECORD, MEMBERSHIP, pictures={"evidence.png": encode_png(np.zeros((4, 5), np.uint8))})
     assert list_objects(tmp_path) == [RECORD]
     np.testing.assert_array_equal(load_membership(tmp_path, "vase"), MEMBERSHIP)
     assert sorted(p.name for p in (tmp_path / "objects" / "vase").iterdir()) == [
+        "evidence.png",
         "membership.npy",
         "object.json",
-        "seed.png",
     ]
 
 

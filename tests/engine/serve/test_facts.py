@@ -34,7 +34,7 @@ def project(client: Client, project: str, scene: BlobScene) -> str:
     with Image.open(folder / "photos" / photo) as opened:
         mask = np.zeros(opened.size[::-1], bool)
     mask[10:30, 20:40] = True
-    save_object(folder / "project", record, members.astype(np.float32), pictures={"seed.png": encode_png(mask)})
+    save_object(folder / "project", record, members.astype(np.float32), pictures={"evidence.png": encode_png(mask)})
     return project
 
 
@@ -112,7 +112,7 @@ def test_object_that_gets_detail_says_so_and_is_in_another_state(
 
 def test_object_that_no_photo_shows_has_no_picture(client: Client, project: str) -> None:
     folder = client.folder(project)
-    (folder / "project" / "objects" / "ball" / "seed.png").unlink()
+    (folder / "project" / "objects" / "ball" / "evidence.png").unlink()
     for photo in (folder / "photos").iterdir():
         photo.unlink()
     assert client.http.get(f"{API}/projects/{project}/objects/ball/thumbnail.jpg").status_code == 404
