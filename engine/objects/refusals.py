@@ -1,4 +1,4 @@
-"""Texts that were refused: the message for the user, and what is offered instead."""
+"""Texts that were refused: what is stored of them and offered instead. `segment.py` makes the sentence."""
 
 from __future__ import annotations
 

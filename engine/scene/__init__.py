@@ -9,7 +9,7 @@ from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera, simi
 from .camera_health import CameraHealth
 from .camera_storage import camera_problem, read_camera_set, write_camera_set
 from .detailed import Detailed, load_detailed, read_detailed, save_detailed
-from .extents import box_of, far_gaussians, foot_of
+from .extents import bottom_middle, box_of, far_gaussians
 from .framing import looked_at
 from .gaussians import FEATURE_DIM, Gaussians
 from .lens import FISHEYE_LENS, MAX_LENS_PARAMETER, focal_and_center, is_fisheye, lens_pixels, photo_pixels

@@ -25,7 +25,7 @@ def box_of(means: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np
     return low, high
 
 
-def foot_of(means: NDArray[np.floating]) -> NDArray[np.float64]:
+def bottom_middle(means: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the middle of the bottom of an object, shape [3], from the positions [N, 3] of its Gaussians."""
     low, high = box_of(means)
     return np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])

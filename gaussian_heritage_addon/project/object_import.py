@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...engine.core.files import path_within
 from ...engine.project.content import ProjectObject
 from ...engine.project.objects import load_level, load_membership, load_record, require_intact, state_of
-from ...engine.scene import Gaussians, foot_of, load_detailed
+from ...engine.scene import Gaussians, bottom_middle, load_detailed
 from ..blender.world_placement import copy_world_matrix
 from ..splats.properties import COUNT_KEY, HeritageObject, loading, scene_count
 from ..splats.splats import SplatScene
@@ -71,10 +71,10 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
     """
     gaussians, index, membership = _object_gaussians(project, item, whole)
     members = gaussians.means[membership >= np.float32(item.threshold)]
-    foot = foot_of(members) if len(members) and item.kind != "background" else np.zeros(3)
+    origin = bottom_middle(members) if len(members) and item.kind != "background" else np.zeros(3)
     # Where the transform of the whole scene was applied, so it is for the object.
     frame = frame_of_whole(whole)
-    shift = frame[:3, :3] @ foot + frame[:3, 3]
+    shift = frame[:3, :3] @ origin + frame[:3, 3]
     frame[:3, 3] -= shift
     collection = new_collection(scene.collection, item.name)
     splats = SplatScene.create(

@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--origin",
         choices=("own", "scene"),
         default="own",
-        help="origin of an object's file: the middle of its foot, or that of the scene (default: %(default)s; "
+        help="origin of an object's file: the middle of its bottom, or that of the scene (default: %(default)s; "
         "the scene's with --frame original or world)",
     )
     parser.add_argument(

@@ -27,11 +27,11 @@ from ...scene import (
     Gaussians,
     Measurement,
     PinholeCamera,
+    bottom_middle,
     box_of,
     export_frame,
     far_gaussians,
     focal_and_center,
-    foot_of,
     load_measurement,
     read_camera_set,
 )
@@ -155,8 +155,8 @@ def write_export(
         Whether the file carries the record, and how many photos saw each Gaussian, where its format has a place for
         them. A page always has the record.
     in_scene : bool
-        Whether an object stays where it stands in the scene. Otherwise the middle of its foot is the origin, but not in
-        the frames ``original`` and ``world``.
+        Whether an object stays where it stands in the scene. Otherwise the middle of its bottom is the origin, but not
+        in the frames ``original`` and ``world``.
     backend : {"cpu", "gpu", "reference"}
         Rasterizer with which the sides are found from which a page shows an object, and what photos saw.
 
@@ -287,9 +287,9 @@ def _own_origin(export: Export, placed: ExportFrame, *, in_scene: bool) -> tuple
     is_moved = placed.name not in ("original", "world", "placed")
     matrix, notes, gaussians = placed.from_world, dict(export.notes), export.gaussians
     if export.members is not None and len(gaussians) and is_moved and not in_scene:
-        foot = foot_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
-        matrix = _moved(-foot) @ matrix
-        notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in foot)
+        origin = bottom_middle((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+        matrix = _moved(-origin) @ matrix
+        notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in origin)
     return matrix, notes
 
 

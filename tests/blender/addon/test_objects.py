@@ -440,7 +440,7 @@ def test_object_stands_on_its_origin_and_nothing_moves(opened: Any, part: Part) 
     vase, splats = bpy.data.objects["Vase"], part("gaussian_heritage_addon.splats.splats").SplatScene
     means = opened.gaussians.means[:40]
     members = means[np.linspace(0.2, 1, 40) >= vase.heritage.threshold]
-    foot = part("engine.scene").foot_of(members)
+    foot = part("engine.scene").bottom_middle(members)
     np.testing.assert_allclose(vase.matrix_world.translation, foot, atol=1e-6)
     np.testing.assert_allclose(splats.of(vase).gaussians().means, means, atol=1e-6)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.scene import Camera, CameraSet, Gaussians, far_gaussians, foot_of
+from engine.scene import Camera, CameraSet, Gaussians, bottom_middle, far_gaussians
 
 
 def camera_set(points: np.ndarray, centers: np.ndarray) -> CameraSet:
@@ -55,4 +55,4 @@ def test_the_foot_is_the_middle_of_the_bottom_and_single_gaussians_do_not_move_i
     rng = np.random.default_rng(0)
     means = rng.uniform((1, 2, 3), (2, 4, 7), (5000, 3)).astype(np.float32)
     means[:10] = (500, 500, -500)
-    np.testing.assert_allclose(foot_of(means), (1.5, 3, 3), atol=0.1)
+    np.testing.assert_allclose(bottom_middle(means), (1.5, 3, 3), atol=0.1)

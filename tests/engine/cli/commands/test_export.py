@@ -25,7 +25,7 @@ from engine.project.objects import ObjectRecord, save_object
 from engine.scene import (
     MeasuredDistance,
     Measurement,
-    foot_of,
+    bottom_middle,
     read_camera_set,
     save_measurement,
     write_camera_set,
@@ -243,7 +243,7 @@ def test_an_object_stands_on_the_origin_of_its_file_unless_it_shall_stay_in_the_
     own, stays = tmp_path / "own.ply", tmp_path / "stays.ply"
     assert write(capsys, "ply", scene, own, "--object", "ball").code == 0
     assert write(capsys, "ply", scene, stays, "--object", "ball", "--origin", "scene").code == 0
-    foot = foot_of(blobs.gaussians.means[members])
+    foot = bottom_middle(blobs.gaussians.means[members])
     np.testing.assert_allclose(read_ply(stays).means, blobs.gaussians.means[members], atol=1e-6)
     np.testing.assert_allclose(read_ply(own).means, blobs.gaussians.means[members] - foot, atol=1e-5)
     assert b"origin_in_scene " in own.read_bytes() and b"origin_in_scene" not in stays.read_bytes()
