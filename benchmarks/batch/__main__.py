@@ -28,6 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--prompts", default="", help="of the kills: objects to isolate; default: without objects")
     parser.add_argument("--minutes", type=float, default=120.0, help="begin no batch later (default: %(default)s)")
     parser.add_argument("--workers", default="1,2,4", help="of the split: how many (default: %(default)s)")
+    parser.add_argument("--cores-each", type=int, default=1, help="cores of each of them (default: %(default)s)")
     parser.add_argument("--first-core", type=int, default=0, help="of the split (default: %(default)s)")
     parser.add_argument("--work", type=Path, default=Path("out/split"), help="of the split (default: %(default)s)")
     parser.add_argument("--doc", type=Path, help="document whose table is replaced; by default it is printed")
@@ -48,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for workers in map(int, options.workers.split(",")):
             # Each keeps itself on one core.
             measuring = get_context("spawn").Process(
-                target=measure_split, args=(options.work, workers, options.first_core)
+                target=measure_split, args=(options.work, workers, options.cores_each, options.first_core)
             )
             measuring.start()
             measuring.join()

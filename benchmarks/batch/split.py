@@ -47,11 +47,13 @@ _STEPS = 300
 _WORKS = ("matching", "masks", "detail")
 
 
-def measure_split(work: Path, workers: int, first_core: int) -> None:
-    """Do the three works on one core for each of `workers`, and keep the seconds in ``WORK/split/N.json``."""
-    cores = usable_cores()[first_core : first_core + workers]
-    if len(cores) < workers:
-        raise RuntimeError(f"This computer has no {workers} cores from number {first_core} on.")
+def measure_split(work: Path, workers: int, cores_each: int, first_core: int) -> None:
+    """Do the three works on `cores_each` cores for each of `workers`, and keep the seconds in ``WORK/split/N.json``."""
+    cores = usable_cores()[first_core : first_core + workers * cores_each]
+    if len(cores) < workers * cores_each:
+        raise RuntimeError(f"This computer has no {workers * cores_each} cores from number {first_core} on.")
+    of_workers = [cores[start : start + cores_each] for start in range(0, len(cores), cores_each)]
+    machine = describe_machine().name
     database, room = _prepared(work)
     own = work / "split" / f"run_{workers}"
     shutil.rmtree(own, ignore_errors=True)
@@ -63,17 +65,19 @@ def measure_split(work: Path, workers: int, first_core: int) -> None:
     cluster.start_scheduler()
     try:
         # The engine itself runs on one of the workers, here in this process.
-        for core in cores[1:]:
-            cluster.start_worker(environment={CORES_VARIABLE: str(core)})
+        for own_cores in of_workers[1:]:
+            cluster.start_worker(environment={CORES_VARIABLE: ",".join(map(str, own_cores))})
         while len(cluster.worker_processes()) < workers - 1:
             time.sleep(0.2)
-        use_cores(cores[:1])
+        use_cores(of_workers[0])
         with helped_by(functools.cache(lambda: ClusterHelpers(cluster.address))):
-            figures = {name: _timed(work_of, own) for name, work_of in zip(_WORKS, _FUNCTIONS, strict=True)}
+            result = {"workers": workers, "cores_each": cores_each, "machine": machine}
+            for name, work_of in zip(_WORKS, _FUNCTIONS, strict=True):
+                result[name] = _timed(work_of, own)
+                # A measurement that is ended keeps the works that it has done.
+                (work / "split" / f"{workers}.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
     finally:
         cluster.stop()
-    result = {"workers": workers, "machine": describe_machine().name, **figures}
-    (work / "split" / f"{workers}.json").write_text(json.dumps(result, indent=1), encoding="utf-8")
 
 
 def _timed(work_of: Callable[[Path], Any], own: Path) -> dict[str, Any]:
@@ -160,16 +164,23 @@ def split_table(work: Path) -> str:
     """Return the table of what was measured."""
     found = [json.loads(file.read_text(encoding="utf-8")) for file in sorted((work / "split").glob("[0-9]*.json"))]
     first = found[0]
+    each = first["cores_each"]
     lines = [
         f"Matching and label maps of the set `{_PHOTOS}` of docs/run_time.md, detail of {_N_OBJECTS} objects of a "
-        f"choosing room ({_STEPS} steps each). Every worker has one core; the engine runs on one of them. "
-        f"{first['machine']}.",
+        f"choosing room ({_STEPS} steps each). Every worker has {each} core{'s' if each > 1 else ''}; the engine runs "
+        f"on one of them. {first['machine']}.",
         "",
         f"| workers | {' | '.join(f'{name}, s | against one' for name in _WORKS)} | bits |",
         f"| ---: | {'---: | ---: | ' * len(_WORKS)}--- |",
     ]
     for one in found:
-        cells = [f"{one[name]['seconds']:.1f} | {first[name]['seconds'] / one[name]['seconds']:.2f}" for name in _WORKS]
-        same = all(one[name]["sha256"] == first[name]["sha256"] for name in _WORKS)
+        both = {name: (first[name], one[name]) for name in _WORKS if name in one and name in first}
+        cells = [
+            f"{both[name][1]['seconds']:.1f} | {both[name][0]['seconds'] / both[name][1]['seconds']:.2f}"
+            if name in both
+            else " | "
+            for name in _WORKS
+        ]
+        same = all(alone["sha256"] == shared["sha256"] for alone, shared in both.values())
         lines.append(f"| {one['workers']} | {' | '.join(cells)} | {'those of one' if same else 'others'} |")
     return "\n".join([*lines, ""])

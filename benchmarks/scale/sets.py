@@ -59,7 +59,8 @@ def _building(count: int, work: Path) -> SizedSet:
     with ProcessPoolExecutor(len(usable_cores())) as pool:
         list(pool.map(_make, tasks, [rendered] * len(tasks)))
     for index in range(count):
-        shutil.copyfile(_photo(rendered, index), _photo(folder, index))
+        if not _photo(folder, index).is_file():  # another process may be reading it
+            shutil.copyfile(_photo(rendered, index), _photo(folder, index))
     cameras = Building(_SEED).cameras(count)
     positions = {_photo(folder, index).name: _position(camera) for index, camera in enumerate(cameras)}
     return SizedSet(read_photos(folder), positions)
