@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy as shallow_copy
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ from ..scene import Camera, Photo, PhotoSet, is_fisheye
 from .colmap import pycolmap
 from .colmap_calls import is_whole_database, opened_database, require_free_space, translated, wait_for
 from .feature_scales import feature_sizes
-from .matching import match_pairs
+from .matching import copy_for_mapping, match_pairs
 from .pairs import Pair, all_pairs, largest_descriptors, largest_rows, promising_pairs
 from .processes import cores_for, detecting_cores
 from .settings import CameraSettings
@@ -103,9 +104,16 @@ class SfmWorkspace:
 
     def clear(self) -> None:
         """Remove the files of this class, and no other files, from the folder."""
-        names = ["made_from.json", self.images.name, self.masks.name, self.sparse.name, "pairs.txt", "shares"]
+        names = ["made_from.json", self.images.name, self.masks.name, "sparse", "sparse_beside", "pairs.txt", "shares"]
         for name in (*names, *(path.name for path in self._folder.glob("database.db*"))):
             delete_derived(self._folder, name)
+
+    def mapped_beside(self) -> SfmWorkspace:
+        """Return this workspace with a database and models of its own, in which photos get other lenses meanwhile."""
+        beside = shallow_copy(self)
+        beside.database, beside.sparse = self._folder / "database.db.beside", self._folder / "sparse_beside"
+        copy_for_mapping(self.database, beside.database)
+        return beside
 
     def copy_of(self, name: str) -> WorkingCopy:
         """Return the copy that has this `name` in COLMAP's database."""

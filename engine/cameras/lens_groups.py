@@ -6,10 +6,12 @@ with a reprojection error below a pixel. See docs/design_notes/cameras.md.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import math
+import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, wait
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +23,8 @@ from .feature_scales import SIZES_DIFFER, photos_at_gap, relative_scales, scale_
 from .features import SfmWorkspace
 from .lens_trials import LensTrial, ModelTrials, capped_error, tried_lenses
 
-MapPhotos = Callable[[Sequence[str]], list[pycolmap.Reconstruction]]
-"""Maps the photos of these names in the database, all without names, with the lenses in the database."""
+MapPhotos = Callable[[SfmWorkspace, Sequence[str], StopCheck], list[pycolmap.Reconstruction]]
+"""Maps the photos of these names in the database of a workspace, all without names, with the lenses in it."""
 Models = tuple[list[pycolmap.Reconstruction], ModelTrials | None]
 """Models, and the trials of the largest one, None where none were made."""
 Group = tuple[pycolmap.Camera, list[int]]
@@ -62,7 +64,7 @@ def map_with_lenses(
     map_photos : callable
         Maps photos with the lenses in the database.
     beside : Executor
-        Of one thread, in which a trial goes on.
+        Of two threads, in which trials go on.
 
     Raises
     ------
@@ -77,33 +79,79 @@ def map_with_lenses(
     lens for each photo, grouped by sizes where these fall apart, and by the focal lengths found, coarsely first. A
     result is taken when it places as many photos with an error that is smaller by a twentieth, or more photos. Where
     sizes of features and focal lengths found both say that photos were zoomed, a smaller error is enough. Of more than
-    60 photos for which sizes alone speak for other groups, 60 are tried first.
+    60 photos for which sizes alone speak for other groups, 60 are tried first: while all are mapped, with a database of
+    their own.
     """
     first_lenses = _first_lenses(workspace)
     assign_lenses(workspace, first_lenses)
-    models = map_photos(())
-    largest = _largest(models)
-    if workspace.lenses or largest is None or largest.num_reg_images() < 3:
-        return models, None
-    trials = ModelTrials.begun(largest, beside, should_stop=should_stop)
-    several_sizes = size_gap(workspace.database) >= SIZES_DIFFER
     count = len(workspace.copies)
-    doubtful = _is_doubtful(largest, count, lenses_differ(largest, trials.own))
-    if not (doubtful or several_sizes):
-        return models, trials
-    search = _Search(workspace, first_lenses, relative_scales(workspace.database), several_sizes, should_stop)
-    if not doubtful and count > _SAMPLE:
-        sample = photos_at_gap(workspace.database, _SAMPLE)
-        few = map_photos(sample)
-        largest_few = _largest(few)
-        if largest_few is not None and largest_few.num_reg_images() >= 3:
-            trial = tried_lenses(largest_few, should_stop=should_stop)
-            if search.best_models(few, trial, len(sample), lambda: map_photos(sample))[0] is few:
-                return models, trials
-    best, own = search.best_models(models, trials.own, count, lambda: map_photos(()))
+    several_sizes = not workspace.lenses and size_gap(workspace.database) >= SIZES_DIFFER
+    scales = relative_scales(workspace.database) if several_sizes else {}
+    with contextlib.ExitStack() as running:
+        sample = None
+        if several_sizes and count > _SAMPLE:
+            sample = _Sample(workspace.mapped_beside(), first_lenses, scales, map_photos, beside, should_stop)
+            running.callback(sample.end)
+        models = map_photos(workspace, (), should_stop)
+        largest = _largest(models)
+        if workspace.lenses or largest is None or largest.num_reg_images() < 3:
+            return models, None
+        trials = ModelTrials.begun(largest, beside, should_stop=should_stop)
+        doubtful = _is_doubtful(largest, count, lenses_differ(largest, trials.own))
+        if not (doubtful or several_sizes) or (not doubtful and sample is not None and not sample.speaks_for_others()):
+            return models, trials
+    search = _Search(workspace, first_lenses, scales or relative_scales(workspace.database), several_sizes, should_stop)
+    best, own = search.best_models(models, trials.own, count, lambda: map_photos(workspace, (), should_stop))
     if best is models:
         return models, trials
     return best, None if own is None else ModelTrials(own)
+
+
+class _Sample:
+    """Some photos that are mapped with other lenses in a thread, from its creation to `end`.
+
+    Parameters
+    ----------
+    workspace : SfmWorkspace
+        With a database of its own.
+    """
+
+    def __init__(
+        self,
+        workspace: SfmWorkspace,
+        first_lenses: Sequence[Group],
+        scales: dict[int, float],
+        map_photos: MapPhotos,
+        beside: Executor,
+        should_stop: StopCheck,
+    ) -> None:
+        self._workspace, self._map_photos = workspace, map_photos
+        self._given_up = threading.Event()
+        self._should_stop: StopCheck = lambda: self._given_up.is_set() or should_stop()
+        self._search = _Search(workspace, first_lenses, scales, True, self._should_stop)
+        self._answer = beside.submit(self._found)
+
+    def speaks_for_others(self) -> bool:
+        """Return whether other lenses are better for these photos, or too few of them can be placed to tell."""
+        return self._answer.result()
+
+    def end(self) -> None:
+        """Give up what is not done."""
+        self._given_up.set()
+        wait([self._answer])
+
+    def _found(self) -> bool:
+        names = photos_at_gap(self._workspace.database, _SAMPLE)
+
+        def mapped() -> list[pycolmap.Reconstruction]:
+            return self._map_photos(self._workspace, names, self._should_stop)
+
+        few = mapped()
+        largest = _largest(few)
+        if largest is None or largest.num_reg_images() < 3:
+            return True
+        own = tried_lenses(largest, should_stop=self._should_stop)
+        return self._search.best_models(few, own, len(names), mapped)[0] is not few
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,7 @@ _BATCHES_FILE = "batches.json"
 _COPIED = ("cameras", "rigs", "rig_sensors", "frames", "frame_data", "images")
 _COPIED_OF_PHOTOS = ("keypoints", "descriptors")
 _MERGED = ("matches", "two_view_geometries")
+_READ_BY_MAPPING = (*_COPIED, "keypoints", "two_view_geometries")
 _FINISHED_PAIRS = "SELECT pair_id FROM matches INTERSECT SELECT pair_id FROM two_view_geometries"
 """Of a pair that COLMAP has matched and not verified, nothing is kept."""
 
@@ -116,6 +117,26 @@ def _match_in_shares(
         raise CameraError(
             f"{failure} Close other programs and run again: what is matched already is kept."
         ) from failure
+
+
+def copy_for_mapping(database: Path, own: Path) -> None:
+    """Write what mapping reads of a database into a new one at `own`.
+
+    Raises
+    ------
+    DiskError
+        When the disk is full.
+    """
+    for leftover in own.parent.glob(own.name + "*"):
+        delete_derived(leftover.parent, leftover.name)
+    require_free_space(own.parent)
+    with opened_database(own):
+        pass  # with COLMAP's tables
+    with _opened(own) as opened:
+        opened.execute("ATTACH ? AS whole", (str(database),))
+        with opened:
+            for table in _READ_BY_MAPPING:
+                opened.execute(f"INSERT INTO {table} SELECT * FROM whole.{table}")
 
 
 def match_share(database: str, folder: str, settings: dict[str, Any]) -> None:

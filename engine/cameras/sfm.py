@@ -90,7 +90,7 @@ def estimate_cameras(
     workspace = SfmWorkspace(folder, photo_set, settings)
     match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
     # Threads of BLAS wait by spinning: on 16 cores the checks of 300 photos took 606 CPU s, and twice as long.
-    with ThreadPoolExecutor(1, "lens trial") as beside, threadpool_limits(1, "blas"):
+    with ThreadPoolExecutor(2, "lens trial") as beside, threadpool_limits(1, "blas"):
         result, placed = _mapped_and_checked(workspace, progress, beside, emit, should_stop)
     health = result.health
     if health is not None and health.colour != "green":
@@ -109,12 +109,12 @@ def _mapped_and_checked(
 ) -> tuple[CameraSet, int]:
     """Return the cameras of the largest model, and the number of photos that it places."""
     count, least = len(workspace.copies), workspace.settings.min_registered
-    models, trials = map_with_lenses(
-        workspace,
-        lambda names: _map(workspace, names, progress, should_stop),
-        beside=beside,
-        should_stop=should_stop,
-    )
+
+    def map_photos(where: SfmWorkspace, names: Sequence[str], should_stop: StopCheck) -> list[pycolmap.Reconstruction]:
+        # What is mapped beside all photos is not told.
+        return _map(where, names, progress if where is workspace else _ProgressReporter(ignore_events), should_stop)
+
+    models, trials = map_with_lenses(workspace, map_photos, beside=beside, should_stop=should_stop)
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
     still = still_background(workspace) if placed < count else None

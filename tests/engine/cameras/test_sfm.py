@@ -177,7 +177,8 @@ def test_many_photos_that_show_things_in_several_sizes_are_mapped_once_and_some_
     monkeypatch.setattr(lens_groups, "size_gap", lambda _: 2.0)
     monkeypatch.setattr(lens_groups, "_SAMPLE", 5)
     found = estimate_cameras(room.photo_set, tmp_path, QUICK)
-    assert mapped[0] == 0 and set(mapped[1:]) == {5}
+    # The few are mapped in a thread of their own.
+    assert mapped.count(0) == 1 and set(mapped) == {0, 5}
     assert len(found.cameras) == len(room.cameras) and len({camera.params for camera in found.cameras}) == 1
 
 
