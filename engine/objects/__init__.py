@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .candidate_file import CANDIDATES, forget_candidates
+    from .candidate_file import CANDIDATES, cut_out, forget_candidates
     from .clicked import click_masks
     from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .detail import DetailResult, detail_object

@@ -18,7 +18,7 @@ from ..core.system import PeakMemory, cpu_seconds
 from ..project.folder import ProjectFolder
 from ..project.provenance import describe_run
 
-_BEGUN = "begun"
+BEGUN = "begun"
 """Name in ``project.json`` of the stage that was begun last and its key: what it took is then not measured whole."""
 
 
@@ -70,10 +70,10 @@ class StageRunner:
         reused = done and not damaged
         if not reused:
             # What is made again may be quick, as training from its last checkpoint is: no measure of the stage's cost.
-            continued = bool(damaged) or self.project.get(_BEGUN) == [stage, key]
+            continued = bool(damaged) or self.project.get(BEGUN) == [stage, key]
             # Reading photos leaves nothing half-done, and may be refused, which must change nothing in the project.
             if stage != "photos":
-                self.project.put(_BEGUN, [stage, key])
+                self.project.put(BEGUN, [stage, key])
             for name, problem in damaged.items():
                 self.emit(Warned(f"{name} {problem}; it is made again."))
                 delete_derived(self.project.path, *PurePosixPath(name).parts)

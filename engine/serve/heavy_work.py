@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from anyio import CapacityLimiter, to_thread
 from fastapi import HTTPException
 
+from .asking import ask_scene
 from .downloads import DownloadFormat, export, export_path
 from .forecasts import forecast_of_presets, kept_forecast
 from .library import WebProject
@@ -23,12 +24,13 @@ _PICTURES = 2
 
 
 class HeavyWork:
-    """Exports and reports, one at a time, forecasts, and small copies of photos. Used by the event loop alone."""
+    """Exports and reports, one at a time, forecasts, answers and small photos. Used by the event loop alone."""
 
     def __init__(self, settings: ServeSettings) -> None:
         self._settings = settings
         self._exports = CapacityLimiter(1)
         self._forecasts = CapacityLimiter(1)
+        self._answers = CapacityLimiter(1)
         self._pictures = CapacityLimiter(_PICTURES)
         self._waiting: Counter[str] = Counter()
 
@@ -81,6 +83,18 @@ class HeavyWork:
         if kept is not None:
             return kept
         return await self._made(project.user, lambda: forecast_of_presets(project, self._settings), self._forecasts)
+
+    async def answers(self, project: WebProject, words: str) -> dict[str, Any]:
+        """Return `engine.serve.asking.ask_scene`.
+
+        Raises
+        ------
+        HTTPException
+            When the user waits for too many exports and answers.
+        HeritageError
+            When nothing is found, or the scene is not being trained.
+        """
+        return await self._made(project.user, lambda: ask_scene(project, words), self._answers)
 
     async def small_photo(self, photo: Path, cache: Path, side: int) -> Path:
         """Return `engine.serve.small_photos.small_photo`."""

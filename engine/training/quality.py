@@ -147,4 +147,4 @@ def _flip(image: NDArray[np.float32], level: Level) -> float:
 def gaussians_so_far(folder: Path) -> Gaussians | None:
     """Return the Gaussians of the checkpoint in `folder`, None when there is no complete checkpoint."""
     state = read_state(folder)
-    return None if state is None else state.parameters.to_gaussians(unit_features=False)
+    return None if state is None else state.parameters.to_gaussians(unit_features=True)

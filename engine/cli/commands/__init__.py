@@ -10,8 +10,8 @@ import importlib.util
 from types import ModuleType
 
 COMMANDS: tuple[str, ...] = (
-    "plan", "frames", "reconstruct", "segment", "show-clicks", "vocabulary", "edit", "trash", "measure", "export",
-    "package", "verify", "turntable", "render", "report", "models", "doctor", "serve", "batch", "remote",
+    "plan", "frames", "reconstruct", "segment", "ask", "show-clicks", "vocabulary", "edit", "trash", "measure",
+    "export", "package", "verify", "turntable", "render", "report", "models", "doctor", "serve", "batch", "remote",
 )  # fmt: skip
 """Names of the commands, in the order of the help."""
 

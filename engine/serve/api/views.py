@@ -8,7 +8,9 @@ import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
 
+from ...core.errors import PromptError
 from ...core.files import path_within
 from ...delivery.records import describe_unit
 from ...formats import format_of
@@ -20,6 +22,7 @@ from ..conditional import file_answer
 from ..downloads import DownloadFormat, download_name
 from ..library import NotFound
 from ..small_photos import LARGE_SIDE
+from ..texts import Line
 
 router = APIRouter(prefix="/projects/{project_id}", tags=["views"])
 _Number = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
@@ -36,6 +39,21 @@ def read_preview(project: CurrentProject, request: Request) -> FileResponse:
     if not file.is_file() or not file.resolve().is_relative_to(folder):
         raise NotFound("There is no picture of the training yet.")
     return FileResponse(file, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+
+class Question(BaseModel):
+    """Words for things in a scene that is being trained."""
+
+    prompt: Line = Field(min_length=1, pattern=r"\S")
+
+
+@router.post("/ask")
+async def ask_scene(question: Question, project: CurrentProject, request: Request) -> dict[str, Any]:
+    """Return what the scene so far shows of what words name, with pictures; nothing is stored."""
+    server = server_of(request)
+    if len(question.prompt) > server.settings.max_prompt:
+        raise PromptError(f"A prompt has at most {server.settings.max_prompt} characters.")
+    return await server.work.answers(project, question.prompt)
 
 
 @router.get("/cameras")

@@ -99,6 +99,8 @@ export const stopJob = (id, job) => request("DELETE", address("projects", id, "j
 export const continueJob = (id, job) => request("POST", address("projects", id, "jobs", job, "continue"));
 
 export const eventsUrl = (id) => `${address("projects", id, "events")}?browser=${browserName()}`;
+/** Ask a scene that is being trained for things; return {step, found: [{text, photo, picture}], refused: {text: reason}}. */
+export const askScene = (id, prompt) => request("POST", address("projects", id, "ask"), { prompt });
 export const previewUrl = (id, stamp) => `${address("projects", id, "preview.png")}?t=${stamp}`;
 export const getCameras = (id) => request("GET", address("projects", id, "cameras"));
 export const viewUrl = (id, photo, side) => `${address("projects", id, "views", photo)}?side=${side}`;

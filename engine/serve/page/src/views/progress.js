@@ -2,6 +2,7 @@
 import { continueJob, previewUrl, stopJob } from "../api.js";
 import { announce, confirmed, during, h, refill, setText, show } from "../dom.js";
 import { duration, percent, stageText } from "../format.js";
+import { createAsk } from "./ask.js";
 import { createCurve } from "./curve.js";
 import { isActive, jobName } from "../jobs.js";
 import { createTellMe } from "./tell_me.js";
@@ -9,7 +10,7 @@ import { said, t } from "../language.js";
 
 const PICTURE_EVERY = 2000; // Milliseconds between live pictures at least.
 
-/** `compact` leaves out the picture and the curve; jobs of objects have none. */
+/** `compact` leaves out the picture, the curve and the words for it; jobs of objects have none. */
 export function createProgress(context, { compact = false } = {}) {
   const { id, session } = context;
   let job = null;
@@ -24,6 +25,7 @@ export function createProgress(context, { compact = false } = {}) {
   const warnings = h("ul", { class: "warnings" });
   const picture = h("img", { class: "preview", alt: t("The scene so far"), hidden: true });
   const curve = createCurve();
+  const ask = createAsk(context);
   const stop = h("button", { type: "button", onclick: () => during(stop, stopThis) }, t("Stop"));
   const tellMe = createTellMe();
   const goOn = h("button", { type: "button", class: "main", onclick: () => during(goOn, continueThis) }, t("Continue"));
@@ -38,6 +40,7 @@ export function createProgress(context, { compact = false } = {}) {
     message,
     warnings,
     compact ? null : h("div", { class: "live" }, picture, curve.element),
+    compact ? null : ask.element,
     h("div", { class: "row" }, goOn, stop, dismiss, tellMe.button),
     queue,
   );
@@ -75,6 +78,7 @@ export function createProgress(context, { compact = false } = {}) {
     show(goOn, stopped);
     setText(goOn, t(job?.error ? "Try again" : "Continue"));
     show(dismiss, stopped && compact);
+    ask.update(job ?? {});
     if (!active && !stopped) return;
 
     setText(heading, headingOf(job));

@@ -1,0 +1,37 @@
+"""Words that are asked of a scene while it is trained."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from ..project.own_words import read_learning
+from .engine_call import call_engine
+from .library import WebProject
+
+
+def ask_scene(project: WebProject, words: str) -> dict[str, Any]:
+    """Return what the scene so far shows of what `words` name.
+
+    Returns
+    -------
+    dict
+        ``step`` of the training; ``found``, a list of ``text``, ``photo`` and ``picture``, an address of the picture
+        itself; ``refused``, reasons by text.
+
+    Raises
+    ------
+    HeritageError
+        When nothing is found, or the scene is not being trained.
+    """
+    own = [f"--own-words={project.own_words}"] if read_learning(project.project) else []
+    with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:
+        answer = call_engine(["ask", str(project.project), f"--prompt={words}", f"--out={folder}", *own], "answer")
+        found = [{**one, "picture": _address_of(Path(one["picture"]))} for one in answer["found"]]
+    return {"step": answer["step"], "found": found, "refused": answer["refused"]}
+
+
+def _address_of(picture: Path) -> str:
+    return f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
