@@ -6,7 +6,9 @@ It is made once after training and kept. Every object is the solution of one lin
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +23,7 @@ from ..core.arrays import Float32, Int32, Int64, Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
+from ..core.system import usable_cores
 from ..project.folder import stage_key
 from .settings import MEMBER_THRESHOLD
 from .views import OUTER, Views, spread_cameras
@@ -124,7 +127,14 @@ class SceneGraph:
         """Pixels of each segment, without the rest of the photos."""
         return np.asarray(self.segments.sum(axis=0), np.float32).ravel()[self.is_segment]
 
-    def solve(self, votes: Votes, strictness: float | Float32, shown: float | Float32 | None = None) -> Float32:
+    def solve(
+        self,
+        votes: Votes,
+        strictness: float | Float32,
+        shown: float | Float32 | None = None,
+        *,
+        threads: Executor | None = None,
+    ) -> Float32:
         """Return the memberships of the Gaussians in K objects. Every membership falls as the strictness rises.
 
         Parameters
@@ -136,6 +146,8 @@ class SceneGraph:
         shown : float, array of shape [K], float32, or None
             Pixels that the evidence shows of the object, in a view. Segments of more than twice as many weigh less.
             None lets all segments weigh the same.
+        threads : Executor or None
+            Share the rows of each product, on as many cores as there are; each row has the bits of one thread.
 
         Returns
         -------
@@ -159,26 +171,51 @@ class SceneGraph:
         own = np.asarray(to_segments.multiply(to_segments) @ weights, np.float32)
         diagonal = np.maximum(degrees - own, _PIXEL_WEIGHT)  # it is no less; rounding can make it so
         residual = np.broadcast_to(inside, degrees.shape).copy()
-        solution, scratch = np.zeros_like(degrees), np.empty_like(degrees)
-        direction = residual / diagonal
+        solution, scaled = np.zeros_like(degrees), np.empty_like(degrees)
+        direction, product = residual / diagonal, np.empty_like(degrees)
+        between = np.empty((to_gaussians.shape[0], degrees.shape[1]), np.float32)
+        count = 1 if threads is None else len(usable_cores())
+        of_segments, of_gaussians = _blocks((to_gaussians,), count), _blocks((self.neighbours, to_segments), count)
+
+        def gather(rows: slice, back: csr_matrix) -> None:
+            np.multiply(weights[rows], back @ direction, out=between[rows])
+
+        def multiply(rows: slice, near: csr_matrix, there: csr_matrix) -> None:
+            np.subtract(degrees[rows] * direction[rows], near @ direction, out=product[rows])
+            product[rows] -= there @ between
+
+        def move(rows: slice, *_: csr_matrix) -> None:
+            solution[rows] += length * direction[rows]
+            residual[rows] -= length * product[rows]
+            np.divide(residual[rows], diagonal[rows], out=scaled[rows])
+
+        def turn(rows: slice, *_: csr_matrix) -> None:
+            direction[rows] *= turned
+            direction[rows] += scaled[rows]
+
         enough, size = _TOLERANCE**2 * _dot(residual, residual), _dot(residual, direction)
         for _ in range(_MAX_STEPS):
             if (_dot(residual, residual) <= enough).all():
                 break
-            product = np.multiply(degrees, direction, out=scratch) - self.neighbours @ direction
-            product -= to_segments @ (weights * (to_gaussians @ direction))
+            _on_each(gather, of_segments, threads)
+            _on_each(multiply, of_gaussians, threads)
             curvature = _dot(direction, product)
             # Rounding alone makes it negative: such a column is left as it is.
             length = np.divide(size, curvature, out=np.zeros_like(size), where=curvature > _SMALLEST)
-            solution += np.multiply(length, direction, out=scratch)
-            residual -= np.multiply(length, product, out=scratch)
-            scaled = np.divide(residual, diagonal, out=scratch)
+            _on_each(move, of_gaussians, threads)
             before, size = size, _dot(residual, scaled)
-            direction *= size / np.maximum(before, _SMALLEST)
-            direction += scaled
+            turned = size / np.maximum(before, _SMALLEST)
+            _on_each(turn, of_gaussians, threads)
         return np.clip(solution, 0, 1)
 
-    def memberships(self, votes: Votes, strictness: float | Float32, shown: float | Float32 | None = None) -> Float32:
+    def memberships(
+        self,
+        votes: Votes,
+        strictness: float | Float32,
+        shown: float | Float32 | None = None,
+        *,
+        threads: Executor | None = None,
+    ) -> Float32:
         """Return what `solve` returns, as rows, but 0 in light parts of what belongs to an object.
 
         Links between Gaussians connect parts. Those stay that have at least `_LEAST_PART` of the votes for the object
@@ -186,7 +223,7 @@ class SceneGraph:
 
         Parameters
         ----------
-        votes, strictness, shown
+        votes, strictness, shown, threads
             As of `solve`.
 
         Returns
@@ -194,7 +231,7 @@ class SceneGraph:
         array of shape [K, N], float32
             0 to 1.
         """
-        solved = np.ascontiguousarray(self.solve(votes, strictness, shown).T)
+        solved = np.ascontiguousarray(self.solve(votes, strictness, shown, threads=threads).T)
         for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
             members = np.flatnonzero(membership >= MEMBER_THRESHOLD)
             if self.neighbours.nnz and len(members):
@@ -320,6 +357,32 @@ class SceneGraph:
         )
 
 
+_Block = tuple[slice, *tuple[csr_matrix, ...]]
+"""Rows of matrices of as many rows, and each matrix with these rows alone."""
+
+
+def _blocks(matrices: tuple[csr_matrix, ...], count: int) -> list[_Block]:
+    """Return `count` blocks of the rows of matrices, of nearly as many links each; nothing is copied."""
+    links = sum(matrix.indptr.astype(np.int64) for matrix in matrices)
+    edges = np.searchsorted(links, np.linspace(0, links[-1], count + 1)[1:-1]).tolist()
+    return [
+        (slice(first, end), *(_rows(matrix, first, end) for matrix in matrices))
+        for first, end in itertools.pairwise([0, *edges, len(links) - 1])
+    ]
+
+
+def _rows(matrix: csr_matrix, first: int, end: int) -> csr_matrix:
+    start, stop = matrix.indptr[first], matrix.indptr[end]
+    parts = (matrix.data[start:stop], matrix.indices[start:stop], matrix.indptr[first : end + 1] - start)
+    return csr_matrix(parts, shape=(end - first, matrix.shape[1]), copy=False)
+
+
+def _on_each(work: Callable[..., None], blocks: Sequence[_Block], threads: Executor | None) -> None:
+    """Do some work on each block, in threads where there are some."""
+    for _ in itertools.starmap(work, blocks) if threads is None else threads.map(lambda block: work(*block), blocks):
+        pass
+
+
 def _dot(first: Float32, second: Float32) -> Float32:
     """Return the dot products of the columns."""
     return np.einsum("nk,nk->k", first, second)
@@ -387,7 +450,7 @@ def _neighbours(views: Views) -> csr_matrix:
     n_neighbours = min(N_NEIGHBOURS, len(gaussians) - 1)
     if n_neighbours < 1:
         return csr_matrix((len(gaussians), len(gaussians)), dtype=np.float32)
-    links = kneighbors_graph(gaussians.means, n_neighbours).tocoo()
+    links = kneighbors_graph(gaussians.means, n_neighbours, n_jobs=len(usable_cores())).tocoo()
     cosine = np.einsum("ij,ij->i", directions[links.row], directions[links.col])
     both = gaussians.opacities[links.row] * gaussians.opacities[links.col]
     links.data = (np.clip(cosine, 0, 1) * np.sqrt(both)).astype(np.float32)

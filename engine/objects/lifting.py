@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.sparse import csr_matrix
 
 from ..core.arrays import Float32, Float64, Mask
 from ..core.errors import PromptError
+from ..core.system import usable_cores
 from ..masks import mask_iou
 from .context import SegmentationContext
 from .found import BELOW_THRESHOLD, NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of
@@ -231,7 +233,9 @@ def _solved(context: SegmentationContext, items: Sequence[MaskEvidence], factors
     )
     strictness = context.settings.strictness * np.tile(factors, len(items))
     shown = np.repeat(np.array([item.mask.sum() for item in items], np.float32), n_factors)
-    return graph.memberships(Votes(inside, outside), strictness, shown).reshape(len(items), n_factors, -1)
+    with ThreadPoolExecutor(len(usable_cores())) as threads:
+        solved = graph.memberships(Votes(inside, outside), strictness, shown, threads=threads)
+    return solved.reshape(len(items), n_factors, -1)
 
 
 def _distinct(memberships: Float32, views: Views, itself: int) -> Levels:

@@ -5,7 +5,6 @@ Five measurements say how likely a set is an object, and in `looks` how it looks
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.special import expit, logit
 
 from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
+from ..core.system import usable_cores
 from .context import SegmentationContext
 from .found import MAX_COMMON
 from .graph import LARGE, SceneGraph, bounded
@@ -182,7 +182,7 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
 
     rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]
     # NumPy and SciPy leave the interpreter to the other threads while they compute.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(len(usable_cores())) as pool:
         for part in pool.map(solved, range(0, count, _SETS_TOGETHER)):
             rows.append(part)
             context.tell(min((len(rows) - 1) * _SETS_TOGETHER / count, 1), "Looking for objects")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 import subprocess
@@ -13,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from benchmarks.serve.page import serving, started_server
 from engine.core.stage_names import STAGE_NAMES
@@ -305,3 +306,36 @@ def test_page_appends_by_one_function_alone() -> None:
     for file in (PAGE / "src").glob("**/*.js"):
         calls = re.findall(r"\.(?:append|prepend|replaceChildren)\(", file.read_text())
         assert file.name == "dom.js" or not calls, file
+
+
+@pytest.mark.web
+def test_words_are_asked_of_the_scene_while_it_is_trained(server: OwnServer, open_own: OpenOwn) -> None:
+    """The state of the project and the answer of the engine are made up: a training would end before they are seen."""
+    page = open_own(server.address)
+    job = {
+        "id": "1", "kind": "reconstruct", "label": "Reconstruct", "subject": "", "state": "running",
+        "stage": "training", "fraction": 0.6, "seconds_left": 60.0, "seconds_left_in_all": 90.0, "message": "",
+        "warnings": [], "error": "", "curve": [], "preview": False, "objects": [],
+    }  # fmt: skip
+
+    def in_training(route: Route) -> None:
+        answer = route.fetch()
+        route.fulfill(response=answer, json={**answer.json(), "job": job})
+
+    picture = base64.b64encode(PHOTOS[3].read_bytes()).decode("ascii")
+    found = [{"text": "vase", "photo": PHOTOS[3].name, "picture": f"data:image/jpeg;base64,{picture}"}]
+    answer = {"step": 500, "found": found, "refused": {"ghost": "Nothing in the scene looks like 'ghost'."}}
+    page.route("**/ask", lambda route: route.fulfill(json=answer))
+    page.route(re.compile(r"/api/v1/projects/[^/]+$"), in_training)
+    new_project(page, "Room")
+    page.get_by_label("What is in it?").fill("vase, ghost")
+    page.get_by_role("button", name="Ask the scene so far").click()
+    expect(page.get_by_text("The scene after step 500 of its training. Nothing is stored.")).to_be_visible()
+    expect(page.get_by_text("Nothing in the scene looks like 'ghost'.")).to_be_visible()
+    expect(page.get_by_text(f"vase in {PHOTOS[3].name}")).to_be_visible()
+    expect(page.locator(".candidates img")).to_be_visible()
+    keep_picture(page, "state_asked")
+    job["stage"] = "report"
+    page.reload()
+    expect(page.get_by_role("heading", name="Reconstruct")).to_be_visible()
+    expect(page.get_by_label("What is in it?")).to_be_hidden()
