@@ -105,7 +105,8 @@ class SfmWorkspace:
     def clear(self) -> None:
         """Remove the files of this class, and no other files, from the folder."""
         names = ["made_from.json", self.images.name, self.masks.name, "sparse", "sparse_beside", "pairs.txt", "shares"]
-        for name in (*names, *(path.name for path in self._folder.glob("database.db*"))):
+        found = (path.name for pattern in ("database.db*", "trial-*") for path in self._folder.glob(pattern))
+        for name in (*names, *found):
             delete_derived(self._folder, name)
 
     def mapped_beside(self) -> SfmWorkspace:

@@ -21,7 +21,7 @@ from .colmap import pycolmap
 from .colmap_calls import opened_database
 from .feature_scales import SIZES_DIFFER, photos_at_gap, relative_scales, scale_groups, size_gap
 from .features import SfmWorkspace
-from .lens_trials import LensTrial, ModelTrials, capped_error, tried_lenses
+from .lens_trials import LensTrial, ModelTrials, capped_error, tried_apart, tried_lenses
 
 MapPhotos = Callable[[SfmWorkspace, Sequence[str], StopCheck], list[pycolmap.Reconstruction]]
 """Maps the photos of these names in the database of a workspace, all without names, with the lenses in it."""
@@ -96,7 +96,7 @@ def map_with_lenses(
         largest = _largest(models)
         if workspace.lenses or largest is None or largest.num_reg_images() < 3:
             return models, None
-        trials = ModelTrials.begun(largest, beside, should_stop=should_stop)
+        trials = ModelTrials.begun(largest, workspace.sparse.parent, beside, should_stop=should_stop)
         doubtful = _is_doubtful(largest, count, lenses_differ(largest, trials.own))
         if not (doubtful or several_sizes) or (not doubtful and sample is not None and not sample.speaks_for_others()):
             return models, trials
@@ -150,7 +150,7 @@ class _Sample:
         largest = _largest(few)
         if largest is None or largest.num_reg_images() < 3:
             return True
-        own = tried_lenses(largest, should_stop=self._should_stop)
+        own = tried_apart(largest, "own", self._workspace.sparse.parent, should_stop=self._should_stop)
         return self._search.best_models(few, own, len(names), mapped)[0] is not few
 
 

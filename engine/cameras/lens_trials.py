@@ -7,21 +7,31 @@ lenses of their own, the same photos then fit much better, and the lenses differ
 from __future__ import annotations
 
 import copy
+import logging
+import tempfile
+import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..core.arrays import Float64
-from ..core.errors import CameraError
-from ..core.events import StopCheck
+from ..core.child_process import ChildFailure, child_beside
+from ..core.errors import CameraError, Cancelled
+from ..core.events import StopCheck, never_stop
 from .colmap import pycolmap
 from .colmap_calls import wait_for
 
 _LARGEST_ERROR = 10.0
 """Pixels that one point counts at most: points that a trial throws behind a camera have no error."""
 _ITERATIONS = 30
+_POLL_SECONDS = 0.1
+_WHAT = "trying other lenses"
+_LOG = logging.getLogger(__name__)
 _POINTS_PER_PHOTO = 80
 """Points of a trial for each placed photo. More change no finding and take longer."""
 
@@ -119,7 +129,7 @@ def tried_lenses(
     # Not `pycolmap.bundle_adjustment`, which turns COLMAP's log messages on.
     adjuster = pycolmap.create_default_bundle_adjuster(options, config, trial)
     try:
-        wait_for("trying other lenses", lambda token: adjuster.solve(), report=lambda: None, should_stop=should_stop)
+        wait_for(_WHAT, lambda token: adjuster.solve(), report=lambda: None, should_stop=should_stop)
     except CameraError:
         return LensTrial(before, float("inf"), {})
     trial.update_point_3d_errors()
@@ -127,6 +137,66 @@ def tried_lenses(
     if not all(np.isfinite(lens.params).all() and lens.mean_focal_length() > 0 for lens in lenses.values()):
         return LensTrial(before, float("inf"), {})
     return LensTrial(before, capped_error(trial), lenses)
+
+
+Kind = Literal["own", "everything"]
+"""A lens for each photo, or two focal lengths and a principal point for each photo as well."""
+
+
+def tried_apart(model: pycolmap.Reconstruction, kind: Kind, folder: Path, *, should_stop: StopCheck) -> LensTrial:
+    """Return the trial of a kind as `tried_lenses` does, from a child process.
+
+    COLMAP keeps Python's lock while it refines, so that no other thread goes on.
+
+    Parameters
+    ----------
+    folder : Path
+        The model is written below it, and deleted.
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` returned True.
+    """
+    with tempfile.TemporaryDirectory(prefix="trial-", dir=folder) as place:
+        model.write(place)
+        try:
+            with child_beside(
+                "cameras.lens_trials:trial_of_file", {"folder": place, "kind": kind}, what=_WHAT
+            ) as child:
+                while not child.finished:
+                    if should_stop():
+                        raise Cancelled(f"Stopped while {_WHAT}. The next run continues from here.")
+                    time.sleep(_POLL_SECONDS)
+                answer = child.end()
+        except ChildFailure as failure:
+            _LOG.warning("%s It is made in this process.", failure)
+            return _tried(model, kind, should_stop=should_stop)
+    if answer is None:
+        raise Cancelled(f"Stopped while {_WHAT}. The next run continues from here.")
+    lenses = {
+        int(image_id): pycolmap.Camera(model=name, width=width, height=height, params=params)
+        for image_id, (name, width, height, params) in answer["lenses"].items()
+    }
+    return LensTrial(answer["before"], float(answer["error"]), lenses)
+
+
+def trial_of_file(folder: str, kind: Kind) -> dict[str, Any]:
+    """Return a trial of the model in a folder as JSON values, in a child process."""
+    with threadpool_limits(1, "blas"):
+        trial = _tried(pycolmap.Reconstruction(folder), kind, should_stop=never_stop)
+    lenses = {
+        str(image_id): [lens.model.name, lens.width, lens.height, list(lens.params)]
+        for image_id, lens in trial.lenses.items()
+    }
+    # JSON has no infinity.
+    return {"before": trial.before, "error": repr(trial.error), "lenses": lenses}
+
+
+def _tried(model: pycolmap.Reconstruction, kind: Kind, *, should_stop: StopCheck) -> LensTrial:
+    if kind == "own":
+        return tried_lenses(model, should_stop=should_stop)
+    return tried_lenses(model, with_aspect, principal_point=True, should_stop=should_stop)
 
 
 @dataclass(frozen=True)
@@ -145,15 +215,20 @@ class ModelTrials:
     everything: Future[LensTrial] | None = None
 
     @classmethod
-    def begun(cls, model: pycolmap.Reconstruction, beside: Executor, *, should_stop: StopCheck) -> ModelTrials:
-        """Return the trials of `model`, which must not change; one goes on in a thread of `beside`."""
-        everything = beside.submit(tried_lenses, model, with_aspect, principal_point=True, should_stop=should_stop)
+    def begun(
+        cls, model: pycolmap.Reconstruction, folder: Path, beside: Executor, *, should_stop: StopCheck
+    ) -> ModelTrials:
+        """Return the trials of `model`, which must not change; one goes on in a process that `beside` waits for.
+
+        `folder` is for what this process reads.
+        """
+        everything = beside.submit(tried_apart, model, "everything", folder, should_stop=should_stop)
         return cls(tried_lenses(model, should_stop=should_stop), everything)
 
     def with_everything(self, model: pycolmap.Reconstruction, *, should_stop: StopCheck) -> LensTrial:
         """Return the trial `everything` of `model`, which is made now where it is not begun."""
         if self.everything is None:
-            return tried_lenses(model, with_aspect, principal_point=True, should_stop=should_stop)
+            return _tried(model, "everything", should_stop=should_stop)
         return self.everything.result()
 
 
