@@ -24,7 +24,7 @@ EXHIBITS := vase;teapot;obelisk;shield;hourglass;mask;goblet;bell;flowerpot;drum
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms model-rooms choosing-rooms real-sets mixtures stability bench-training bench-off-path bench-raster bench-gpu bench-blender bench-detail bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
+.PHONY: help setup demo zip offline-bundle page serve test lint contracts types engine-tests blender-tests web-test window-test container-test windows-test batch-faults kills fuzz hostile lock licences release clean tables test-rooms model-rooms choosing-rooms model-choosing-rooms real-sets mixtures stability bench-training bench-off-path bench-raster bench-gpu bench-blender bench-detail bench-meshes bench-path bench-scale bench-formats readers-test bench-packages bench-serve bench-batch video
 
 help: ## what can be made
 	@awk 'BEGIN {FS = ":.*## "} /^##@ / {print "\n" substr($$0, 5)} \
@@ -125,6 +125,12 @@ model-rooms: setup ## the same method in rooms with 3D models of other people; M
 choosing-rooms: setup ## the same in the choosing rooms alone, then keep them in demo/random_rooms/choosing
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --rooms choosing --doc docs/segmentation.md
 	$(ENGINE) -m benchmarks.rooms keep
+
+model-choosing-rooms: setup ## eight choosing rooms with 3D models of other people, rendered and trained in out/rooms; MODELS=folder of *.sh3f; 2 hours
+	for n in 1 2 3 4 5 6 7 8; do \
+		$(BLENDER) demo/random_rooms/make_photos.py --seed 1234$$n --models "$(MODELS)" --out out/rooms/model_room_$$n && \
+		$(ENGINE) -m benchmarks.rooms reconstruct out/rooms/model_room_$$n --out out/rooms/model_room_$$n/project || exit; \
+	done
 
 real-sets: setup ## objects of real photos by hand-made masks, into docs/objects.md; GAUSSIAN_HERITAGE_DATA names the photo sets; 20 minutes
 	$(ENGINE) -m benchmarks.real_sets --doc docs/objects.md

@@ -22,6 +22,8 @@ RESULTS = "benchmarks/rooms/results"
 KEPT_ROOMS = "demo/random_rooms/choosing"
 
 N_CHOOSING_ROOMS = 8
+MODEL_CHOOSING_SEEDS = range(12341, 12349)
+"""Seeds of the choosing rooms whose exhibits are 3D models of other people; `make model-choosing-rooms`."""
 N_TEST_ROOMS = 5
 SHORT_COMMIT = 8
 """Digits of a commit in the names of its test rooms."""
@@ -97,7 +99,7 @@ def test_seeds(commit: str, what: str = "test room") -> tuple[int, ...]:
     Seed i, from 1 to 5, is the number that the first 8 hexadecimal digits of the SHA-256 of ``"<hash> <what> <i>"``
     make. A seed of a choosing room is skipped: further i are taken until there are five.
     """
-    taken = {room.seed for room in CHOOSING_ROOMS}
+    taken = {*(room.seed for room in CHOOSING_ROOMS), *MODEL_CHOOSING_SEEDS}
     seeds: list[int] = []
     number = 0
     while len(seeds) < N_TEST_ROOMS:

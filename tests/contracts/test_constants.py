@@ -25,7 +25,7 @@ LEAST_TAGS = {"training": 78, "pipeline/planning": 36, "objects/grounding": 15, 
 
 SETS = frozenset({
     *(f"room_{number}" for number in range(1, 9)),
-    "more_rooms", "museum_room", "store_room",
+    "model_rooms", "more_rooms", "museum_room", "store_room",
     "banana16", "herz_jesus25", "meeting_place9", "sakharov_statue32", "skull66",
     "stability_scenes", "sky_scene", "prompt_words",
 })  # fmt: skip

@@ -57,8 +57,8 @@ def test_seeds_of_test_rooms_follow_from_the_commit() -> None:
 
 
 def test_seeds_of_test_rooms_are_never_those_of_choosing_rooms(monkeypatch: pytest.MonkeyPatch) -> None:
-    # The second number would be the seed of room_7.
-    digests = iter(f"{number:08x}" for number in (100, 7, 200, 300, 400, 500))
+    # The second number would be the seed of room_7, the fourth that of a choosing room of models.
+    digests = iter(f"{number:08x}" for number in (100, 7, 200, 12343, 300, 400, 500))
 
     class Digest:
         def hexdigest(self) -> str:
