@@ -46,6 +46,20 @@ def test_known_words_match_their_class(detector: OfflineVocabulary, prompt: str,
     assert "is searched for as" in check.message
 
 
+@pytest.mark.parametrize(
+    ("word", "classes"),
+    [
+        ("a desk lamp", {"table lamp", "lampshade", "candle", "jack-o'-lantern", "spotlight"}),
+        ("plants", {"pot", "daisy", "yellow lady's slipper"}),
+        ("sneakers", {"running shoe"}),
+        ("biplane", {"airliner", "warplane"}),
+    ],
+)
+def test_a_word_of_the_home_means_the_thing_and_not_its_first_sense(word: str, classes: set[str]) -> None:
+    words = word_list()
+    assert {words.classes[index].words[0] for index in words.classes_of(word)} == classes
+
+
 def test_broader_word_matches_all_its_classes_and_no_word_of_a_class_is_one(detector: OfflineVocabulary) -> None:
     chairs = {match for match, _ in detector.check_prompt("a wooden chair").matches}
     assert {"barber chair", "folding chair", "rocking chair", "throne"} == chairs
