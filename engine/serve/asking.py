@@ -7,9 +7,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from ..core.files import read_bytes
 from ..project.own_words import read_learning
 from .engine_call import call_engine
 from .library import WebProject
+
+_MAX_PICTURE = 64 << 20
+"""Bytes of the picture of one thing, a part of a photo."""
 
 
 def ask_scene(project: WebProject, words: str) -> dict[str, Any]:
@@ -34,4 +38,5 @@ def ask_scene(project: WebProject, words: str) -> dict[str, Any]:
 
 
 def _address_of(picture: Path) -> str:
-    return f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
+    content = read_bytes(picture, max_bytes=_MAX_PICTURE, advice="Ask again.")
+    return f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
