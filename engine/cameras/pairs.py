@@ -5,6 +5,8 @@ See docs/design_notes/cameras.md for the measurements behind the thresholds.
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -159,6 +161,23 @@ def _partners(
     return partners
 
 
+class _KeptArrays(threading.local):
+    """Memory of a thread, by name, which its next array of this name takes again."""
+
+    def __init__(self) -> None:
+        self._memory: dict[str, Float32] = {}
+
+    def array(self, name: str, shape: tuple[int, ...]) -> Float32:
+        """Return an array of any values."""
+        size = math.prod(shape)
+        if len(self._memory.get(name, ())) < size:
+            self._memory[name] = np.empty(size, np.float32)
+        return self._memory[name][:size].reshape(shape)
+
+
+_KEPT = _KeptArrays()
+
+
 def quick_matches(first: Float32, second: Float32) -> int:
     """Return the number of mutual best matches between descriptors [K, 128] that pass Lowe's ratio test."""
     return len(quick_match_rows(first, second))
@@ -168,6 +187,7 @@ def quick_matches_with_each(first: Float32, others: Sequence[Float32]) -> list[i
     """Return `quick_matches` of descriptors [K, 128] with those of each other photo.
 
     Several photos at a time: threads that compare one pair after the other wait for Python's lock most of the time.
+    Each thread keeps its arrays: to give megabytes back to the system, threads wait for each other.
     """
     if len(first) < 2:
         return [0] * len(others)
@@ -175,10 +195,12 @@ def quick_matches_with_each(first: Float32, others: Sequence[Float32]) -> list[i
     for start in range(0, len(others), _PHOTOS_AT_A_TIME):
         some = others[start : start + _PHOTOS_AT_A_TIME]
         count = max(2, *map(len, some))
-        block = np.zeros((len(some), count, first.shape[1]), np.float32)
+        block = _KEPT.array("block", (len(some), count, first.shape[1]))
         for rows, one in zip(block, some, strict=True):
-            rows[: len(one)] = one
-        cosine = (first @ block.reshape(-1, first.shape[1]).T).reshape(len(first), len(some), count)
+            rows[: len(one)], rows[len(one) :] = one, 0.0
+        product = _KEPT.array("cosine", (len(first), len(some) * count))
+        np.matmul(first, block.reshape(-1, first.shape[1]).T, out=product)
+        cosine = product.reshape(len(first), len(some), count)
         for number, one in enumerate(some):
             cosine[:, number, len(one) :] = -1.0
         best = cosine.argmax(axis=2)[:, :, None]
