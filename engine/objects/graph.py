@@ -6,8 +6,7 @@ It is made once after training and kept. Every object is the solution of one lin
 from __future__ import annotations
 
 import hashlib
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,6 +24,7 @@ from ..core.events import StopCheck
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..core.system import usable_cores
 from ..project.folder import stage_key
+from .row_blocks import on_each, row_blocks
 from .settings import MEMBER_THRESHOLD
 from .views import OUTER, Views, spread_cameras
 from .votes import Votes
@@ -175,18 +175,22 @@ class SceneGraph:
         direction, product = residual / diagonal, np.empty_like(degrees)
         between = np.empty((to_gaussians.shape[0], degrees.shape[1]), np.float32)
         count = 1 if threads is None else len(usable_cores())
-        of_segments, of_gaussians = _blocks((to_gaussians,), count), _blocks((self.neighbours, to_segments), count)
+        of_segments, of_gaussians = (
+            row_blocks((to_gaussians,), count),
+            row_blocks((self.neighbours, to_segments), count),
+        )
 
         def gather(rows: slice, back: csr_matrix) -> None:
             np.multiply(weights[rows], back @ direction, out=between[rows])
 
         def multiply(rows: slice, near: csr_matrix, there: csr_matrix) -> None:
-            np.subtract(degrees[rows] * direction[rows], near @ direction, out=product[rows])
+            np.multiply(degrees[rows], direction[rows], out=product[rows])
+            product[rows] -= near @ direction
             product[rows] -= there @ between
 
         def move(rows: slice, *_: csr_matrix) -> None:
-            solution[rows] += length * direction[rows]
-            residual[rows] -= length * product[rows]
+            solution[rows] += np.multiply(length, direction[rows], out=scaled[rows])
+            residual[rows] -= np.multiply(length, product[rows], out=scaled[rows])
             np.divide(residual[rows], diagonal[rows], out=scaled[rows])
 
         def turn(rows: slice, *_: csr_matrix) -> None:
@@ -197,15 +201,15 @@ class SceneGraph:
         for _ in range(_MAX_STEPS):
             if (_dot(residual, residual) <= enough).all():
                 break
-            _on_each(gather, of_segments, threads)
-            _on_each(multiply, of_gaussians, threads)
+            on_each(gather, of_segments, threads)
+            on_each(multiply, of_gaussians, threads)
             curvature = _dot(direction, product)
             # Rounding alone makes it negative: such a column is left as it is.
             length = np.divide(size, curvature, out=np.zeros_like(size), where=curvature > _SMALLEST)
-            _on_each(move, of_gaussians, threads)
+            on_each(move, of_gaussians, threads)
             before, size = size, _dot(residual, scaled)
             turned = size / np.maximum(before, _SMALLEST)
-            _on_each(turn, of_gaussians, threads)
+            on_each(turn, of_gaussians, threads)
         return np.clip(solution, 0, 1)
 
     def memberships(
@@ -355,32 +359,6 @@ class SceneGraph:
         return np.array(
             [np.median(row[seen]) if seen.any() else 0 for row, seen in zip(best, well, strict=True)], np.float32
         )
-
-
-_Block = tuple[slice, *tuple[csr_matrix, ...]]
-"""Rows of matrices of as many rows, and each matrix with these rows alone."""
-
-
-def _blocks(matrices: tuple[csr_matrix, ...], count: int) -> list[_Block]:
-    """Return `count` blocks of the rows of matrices, of nearly as many links each; nothing is copied."""
-    links = sum(matrix.indptr.astype(np.int64) for matrix in matrices)
-    edges = np.searchsorted(links, np.linspace(0, links[-1], count + 1)[1:-1]).tolist()
-    return [
-        (slice(first, end), *(_rows(matrix, first, end) for matrix in matrices))
-        for first, end in itertools.pairwise([0, *edges, len(links) - 1])
-    ]
-
-
-def _rows(matrix: csr_matrix, first: int, end: int) -> csr_matrix:
-    start, stop = matrix.indptr[first], matrix.indptr[end]
-    parts = (matrix.data[start:stop], matrix.indices[start:stop], matrix.indptr[first : end + 1] - start)
-    return csr_matrix(parts, shape=(end - first, matrix.shape[1]), copy=False)
-
-
-def _on_each(work: Callable[..., None], blocks: Sequence[_Block], threads: Executor | None) -> None:
-    """Do some work on each block, in threads where there are some."""
-    for _ in itertools.starmap(work, blocks) if threads is None else threads.map(lambda block: work(*block), blocks):
-        pass
 
 
 def _dot(first: Float32, second: Float32) -> Float32:
