@@ -22,7 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from engine.core.words.vocabulary_words import FOREIGN_FILE, WordList, singulars, word_list  # noqa: E402
+from engine.core.words.vocabulary_words import FOREIGN_FILE, WordList, picture_words, singulars, word_list  # noqa: E402
 from engine.install.models import locate  # noqa: E402
 
 _NOTES = re.compile(r"\{[^}]*\}|\[[^\]]*\]|\([^)]*\)|/[^/]*/|<[^>]*>")
@@ -137,6 +137,9 @@ def rows(all_weights: Iterable[Weights], english: Container[str], known: WordLis
         best = max(words.values())
         kept = [word for word in sorted(words, key=lambda one: -words[one]) if words[word] >= _LEAST_WEIGHT * best]
         # An English word is meant as one: "Gift" is a poison, and "boot" a ship.
+        # What pictures show is none of the classes: "Schere" is no claw.
+        if name in picture_words().foreign:
+            continue
         if name.lower() not in english and not known.classes_of(name) and any(kept):
             result[name] = [word for word in kept if word]
     return dict(sorted(result.items(), key=lambda row: (row[0].lower(), row[0])))

@@ -46,6 +46,16 @@ GROUPS = {
 }  # fmt: skip
 """Title of each group: who gets its packages, and the locked files that name them."""
 
+DATA = {
+    "engine/core/words/imagenet_classes.txt, engine/core/words/broader_words.txt": ("WordNet 3.0 and 3.1", "WordNet"),
+    "engine/core/words/foreign_words.txt": ("Ding 1.9 and FreeDict 2022.04.21", "GPL-2.0-or-later"),
+    "engine/core/words/picture_words.txt, engine/objects/grounding/picture_features.npy": (
+        "what a classifier makes of pictures of Tux Paint stamps 2022.06.04 (GPL-2.0-or-later) and of Microsoft's "
+        "Fluent Emoji (MIT), with names of Unicode CLDR 48.2 (Unicode-3.0)", "GPL-2.0-or-later, MIT, Unicode-3.0",
+    ),
+}  # fmt: skip
+"""Data of others in the repository: file, where it is from, and its licence. The text files have the notices."""
+
 SPDX = {
     "Apache Software License": "Apache-2.0",
     "Apache License, Version 2.0": "Apache-2.0",
@@ -179,6 +189,8 @@ def document(licences: Mapping[str, str]) -> str:
         lines.append(
             f"| {model.name} | {'by name' if model.optional else 'at set-up'} | {model.licence} | {model.who_may_use} |"
         )
+    lines += ["", "## Data of others in the engine", "", "| file | from | licence |", "| --- | --- | --- |"]
+    lines += [f"| {file} | {source} | {licence} |" for file, (source, licence) in DATA.items()]
     lines += ["", "## Code in the web page and in exported pages", ""]
     lines += table(licences_of_page())
     told: set[str] = set()

@@ -170,6 +170,12 @@ class Looks:
         """
         return self._odds_by(detector.score_descriptions(self.described, text))
 
+    def scores_of_unknown(self, text: str, detector: Detector) -> Float64 | None:
+        """Return how much each proposal looks like a text that the detector does not know, [K], 0 to 1; None for no
+        idea of it. Errors as of `Detector.score_unknown`."""
+        scores = detector.score_unknown(self.described, text)
+        return None if scores is None else np.asarray(expit(self._odds_by(scores) - self.least_odds(detector)))
+
     def _odds_by(self, scores: Sequence[float] | Float64) -> Float64:
         """Return the log-odds of each proposal by the scores of the S sightings."""
         count, mean = _count_and_mean(self.proposal, np.asarray(scores, np.float64), self.like)

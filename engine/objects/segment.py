@@ -162,7 +162,9 @@ def _looks_for(check: PromptCheck, text: str, context: SegmentationContext, *, i
     # A misspelt word is answered by suggestions. No scene is looked at for it that was not before.
     look = kept_looks if check.misspelt else load_or_build_looks
     looks = look(context.part(0, 2))
-    offered = [] if looks is None else _offered(looks, None, context.part(1, 2))
+    offered = []
+    if looks is not None:
+        offered = _offered(looks, looks.scores_of_unknown(text, context.detector), context.part(1, 2))
     raise UnknownWordError(unknown_word(text, check), offered)
 
 

@@ -27,7 +27,7 @@ SETS = frozenset({
     *(f"room_{number}" for number in range(1, 9)),
     "model_rooms", "more_rooms", "museum_room", "store_room",
     "banana16", "herz_jesus25", "meeting_place9", "sakharov_statue32", "skull66",
-    "stability_scenes", "sky_scene", "prompt_words",
+    "stability_scenes", "sky_scene", "prompt_words", "pictures",
 })  # fmt: skip
 """Data that values may be chosen on; docs/constants.md says what each is. Test rooms and sets that are kept for
 evaluation are not among them."""

@@ -15,6 +15,7 @@ from ..files import read_text
 _HERE = Path(__file__).parent
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue"})
 FOREIGN_FILE = _HERE / "foreign_words.txt"
+PICTURE_WORDS_FILE = _HERE / "picture_words.txt"
 MADE_CLASSES = range(398, 923)  # chosen on museum_room, store_room
 """Classes of things that people make; those before them are animals, those behind them food, places and plants."""
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
@@ -76,7 +77,8 @@ class WordList:
         plain = normalised(_ELISION.sub("", _FOREIGN_ARTICLE.sub("", text.strip().lower())))
         words = _AFTER_FOREIGN_NOUN.sub("", plain).split()
         # In French, what describes a thing stands behind it.
-        for phrase in (*_endings(" ".join(words)), *(" ".join(words[:n]) for n in range(len(words) - 1, 0, -1))):
+        ends = (*_endings(" ".join(words)), *(" ".join(words[:n]) for n in range(len(words) - 1, 0, -1)))
+        for phrase in (plain, *ends):
             for form in (*singulars(phrase), phrase.removesuffix("x")):
                 if found := self._folded.get(_folded(form)):
                     return found
@@ -140,6 +142,18 @@ def word_list() -> WordList:
         classes_of_word[word] = {k for first, _, last in ends for k in range(int(first), int(last or first) + 1)}
     foreign = {name: tuple(words.split("; ")) for name, words in _read_rows(FOREIGN_FILE.name)}
     return WordList(classes, {word: frozenset(indices) for word, indices in classes_of_word.items()}, foreign)
+
+
+@functools.cache
+def picture_words() -> WordList:
+    """Return the words that pictures taught, of things that the classes lack; each has a class of its own here.
+
+    Raises `FormatError` as `word_list`.
+    """
+    rows = [(words.split(", "), names.split("; ")) for words, names, _ in _read_rows(PICTURE_WORDS_FILE.name)]
+    numbers = {word: frozenset({number}) for number, (words, _) in enumerate(rows) for word in words}
+    foreign = {name: (words[0],) for words, names in rows for name in names if name}
+    return WordList(tuple(ClassWords(tuple(words), "") for words, _ in rows), numbers, foreign)
 
 
 @functools.cache

@@ -127,6 +127,18 @@ class Detector(Protocol):
         """
         raise _no_descriptions(self.name)
 
+    def score_unknown(self, described: Float32, prompt: str) -> list[float] | None:
+        """Return how well each row of `described`, [n, D], matches a prompt that is not known; None for no idea of it.
+
+        It tells which objects come first among those that are offered. Nothing is found by it.
+
+        Raises
+        ------
+        PromptError
+            When the prompt is empty.
+        """
+        return None
+
     def score_vocabulary(self, described: Float32) -> Float32:
         """Return how well each row of `described`, [n, D], matches each of V words, few of which a scene shows.
 

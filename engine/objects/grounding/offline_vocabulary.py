@@ -28,6 +28,7 @@ from .crop_describer import CropDescriber, as_boxes
 from .crops import WHITE, Box, cut_out
 from .detector import PromptCheck
 from .efficientnet import INPUT_SIDE, N_FEATURES, EfficientNetLite2
+from .pictures import picture_logits
 from .row_cache import RowCache
 from .sentences import SentenceEncoder
 from .vocabulary import N_CLASSES, Vocabulary
@@ -130,6 +131,19 @@ class OfflineVocabulary(CropDescriber):
         weights = np.array(list(class_weights.values()), np.float32)
         scores = _score(rows[..., list(class_weights)] @ weights).mean(axis=1)
         return [float(score) for score in scores]
+
+    def score_unknown(self, described: Float32, prompt: str) -> list[float] | None:
+        """Return the scores for a word that pictures taught, with all classes and words as its rivals.
+
+        See `Detector.score_unknown`.
+        """
+        number = self._vocabulary.pictured(prompt)
+        if number is None:
+            return None
+        pooled = np.ascontiguousarray(described, np.float32).reshape(len(described), -1, N_FEATURES)
+        logits = [self._classifier.classes(torch.from_numpy(pooled)), torch.from_numpy(picture_logits(pooled))]
+        found = torch.cat(logits, dim=2).softmax(dim=2)[..., N_CLASSES + number].numpy()
+        return [float(score) for score in _score(found).mean(axis=1)]
 
     def score_vocabulary(self, described: Float32) -> Float32:
         """Return the score of each class of `MADE_CLASSES`, [n, V]; see `Detector.score_vocabulary`."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.arrays import Float32, Int64
 from ...core.errors import PromptError
-from ...core.words import normalised, word_list
+from ...core.words import normalised, picture_words, word_list
 from .detector import PromptCheck
 from .kept_vectors import kept_vectors
 from .sentences import SentenceEncoder
@@ -78,6 +78,11 @@ class Vocabulary:
             matches = [(self.name(index), round(similarity, 3)) for index, similarity in class_weights.items()]
             words = ", ".join(word for word, _ in matches[:_MAX_NAMED])
             return PromptCheck(True, matches, f"{prompt.strip()!r} is searched for as: {words}.")
+        languages = "whose words are English, some also German and French"
+        unknown = f"{prompt.strip()!r} is outside the offline vocabulary, {languages}"
+        if self.pictured(prompt) is not None:
+            how = "but known from pictures: of the objects that are offered, those that look most like it come first"
+            return PromptCheck(False, [], f"{unknown}, {how}. Choose one of them, or click on the object instead.")
         matches = [(word, 1.0) for word in self._misspelt(prompt)]
         misspelt = bool(matches)
         if not misspelt:
@@ -85,8 +90,6 @@ class Vocabulary:
             nearest = np.argsort(-similarities, kind="stable")[:_MAX_NAMED]
             near = [(self.name(int(i)), round(float(similarities[i]), 3)) for i in nearest]
             matches = [(word, similarity) for word, similarity in near if similarity >= _MIN_SUGGESTED]
-        languages = "whose words are English, some also German and French"
-        unknown = f"{prompt.strip()!r} is outside the offline vocabulary, {languages}"
         if not matches:
             return PromptCheck(False, [], f"{unknown}. Use another word, or click on the object instead.")
         words = ", ".join(word for word, _ in matches)
@@ -96,6 +99,17 @@ class Vocabulary:
             f"{unknown}; the nearest words are: {words}. Use one of them if it fits, or click on the object instead.",
             misspelt,
         )
+
+    def pictured(self, prompt: str) -> int | None:
+        """Return the number of a word that pictures taught, and no class has; None for any other prompt.
+
+        Raises
+        ------
+        PromptError
+            When `prompt` is empty.
+        """
+        found = picture_words().classes_of(required_text(prompt))
+        return next(iter(found)) if len(found) == 1 and not self.class_weights(prompt) else None
 
     def _misspelt(self, prompt: str) -> list[str]:
         """Return words that are spelt nearly like the prompt; none if all its own words are English ones."""

@@ -92,6 +92,19 @@ def test_unknown_prompt_names_the_nearest_words(scene: Path, capsys: pytest.Capt
     assert list_objects(scene) == []
 
 
+def test_word_that_only_pictures_taught_is_answered_by_what_looks_most_like_it_first(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fetched("efficientnet-lite2", "minilm", "minilm-tokenizer")
+    answer = call(capsys, "segment", scene, "--prompt", "eine Bombe, flux capacitor")
+    assert answer.code == 3 and list_objects(scene) == []
+    assert answer.error.count("known from pictures: of the objects that are offered") == 1
+    candidates = read_not_found(scene).candidates
+    assert all(one.score == 0 for one in candidates if one.text == "flux capacitor")
+    scores = [one.score for one in candidates if one.text == "eine Bombe"]
+    assert len(scores) > 1 and min(scores) > 0 and scores[0] == max(scores)
+
+
 @pytest.fixture
 def encoder_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with an encoder of random weights, in the place of CLIP; the offline vocabulary is stored."""
