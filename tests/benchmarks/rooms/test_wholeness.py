@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,23 @@ def test_features_that_tell_help_in_a_room_left_out_and_noise_does_not_harm_much
         bias, weights = fit(rooms)
         assert constant - log_loss(left_out, bias, weights) > least_gain
         assert strength == 0 or np.argmax(np.abs(weights)) == 7
+
+
+def test_few_rooms_change_weights_that_are_near_to_theirs_only_where_they_say_otherwise() -> None:
+    *many, left_out = made_up_rooms(12, 6.0)
+    before = fit(many)
+    alone, near = fit(many[:1]), fit(many[:1], before)
+    assert log_loss(left_out, *near) < log_loss(left_out, *alone)
+    assert abs(log_loss(left_out, *near) - log_loss(left_out, *before)) < 0.05
+
+
+def test_families_of_rooms_weigh_the_same_however_many_rooms_each_has() -> None:
+    (room,) = made_up_rooms(1, 0.0)
+    objects = replace(room, odds=np.zeros_like(room.odds), iou=np.ones_like(room.iou))
+    none = replace(objects, iou=np.zeros_like(room.iou), family="models")
+    bias, weights = fit([objects, objects, objects, none])
+    # Nothing tells the families apart, so that each has half of the say. By rooms, it would be three quarters.
+    np.testing.assert_allclose(expit(room.features @ weights + bias), 0.5, atol=0.01)
 
 
 def test_weights_are_written_as_the_detector_reads_them(
