@@ -83,20 +83,15 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     Cancelled
         When the user stops.
     """
-    views, graph = context.views, context.graph
+    graph = context.graph
     pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
     segments = np.flatnonzero((pixels >= MIN_VISIBLE_PIXELS) & graph.is_segment)
-    solved, kept = _solved(context, segments, build_groups(views))
+    solved, kept = _solved(context, segments, build_groups(context.views))
     of_segments = kept < len(segments)
     shown = graph.shown(solved)
     best = graph.iou(solved, solved[of_segments])
     agreement = _agreement(best, graph.photo[segments[kept[of_segments]]], shown)
-    extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
-    unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
-    share = np.log(np.asarray(solved.mean(axis=1)).ravel())
-    heights = context.means[:, 2]  # Z is up
-    isolation, standing = _isolation(solved, graph, heights)
-    odds = _ISOLATION_WEIGHT * (isolation + share) + _SHAPE_WEIGHT * (standing + agreement - unusual - _USUAL_SHAPE)
+    odds = log_odds(context, solved, agreement)
     likely = np.flatnonzero((odds >= logit(LEAST_PROBABILITY)) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
     first = _first_alike(graph.iou(solved[likely], solved[likely]), SAME_IOU)
@@ -105,6 +100,16 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     sets = solved[chosen]
     like = _first_alike(graph.iou(sets, sets), _ALIKE_IOU)
     return Proposals(sets.toarray() > 0, odds[chosen].astype(np.float32), like, shown[chosen])
+
+
+def log_odds(context: SegmentationContext, sets: csr_matrix, agreement: Floats) -> Float64:
+    """Return the log-odds of being an object of K sets, [K, N], none of them empty; `agreement`, [K], as above."""
+    extents = np.array([context.views.extent(row.toarray().ravel() > 0) for row in sets])
+    unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
+    share = np.log(np.asarray(sets.mean(axis=1)).ravel())
+    isolation, standing = _isolation(sets, context.graph, context.means[:, 2])  # Z is up
+    odds = _ISOLATION_WEIGHT * (isolation + share) + _SHAPE_WEIGHT * (standing + agreement - unusual - _USUAL_SHAPE)
+    return np.asarray(odds, np.float64)
 
 
 def gains_of(odds: Floats) -> Floats:

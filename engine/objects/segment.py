@@ -19,9 +19,10 @@ from .found import MAX_COMMON, FoundObject, is_same, nothing_found
 from .graph import bounded
 from .grounding import PromptCheck
 from .lifting import isolate_object, isolate_proposal, levels_of_each
+from .likelier import likelier_evidence
 from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper
-from .prompts import Place, Prompt, TextPrompt
+from .prompts import ClickPrompt, Place, Prompt, TextPrompt
 from .proposals import choose_sets, gains_of
 from .settings import MEMBER_THRESHOLD, SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
@@ -75,7 +76,12 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
         return find_objects_of_paper(context, prompt, context.settings)
     if isinstance(prompt, TextPrompt):
         return _find_text(context, prompt)
-    found = isolate_object(context, find_evidence(prompt, context))
+    evidence = find_evidence(prompt, context)
+    found = isolate_object(context, evidence)
+    if isinstance(prompt, ClickPrompt):
+        likelier = likelier_evidence(context, prompt.clicks, evidence, found.members)
+        if any(one is not other for one, other in zip(likelier, evidence, strict=True)):
+            found = isolate_object(context, likelier)
     context.tell(1.0, "Isolating")
     return [found]
 

@@ -77,6 +77,20 @@ def test_click_works_on_other_scenes_too(find, seed: int) -> None:
     assert overlap(found, scene, BLUE) > 0.95
 
 
+def test_click_finds_the_ball_that_its_own_photo_shows_in_one_segment_with_the_floor(find) -> None:
+    whole = make_scene()
+    blue, floor = np.flatnonzero(whole.part == BLUE), np.flatnonzero(whole.part == FLOOR)
+    # By features, the ball is floor, too: only the segments of the other photos show it alone.
+    features = whole.gaussians.features.copy()
+    features[blue] = features[floor[np.arange(len(blue)) % len(floor)]]
+    scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
+    labels = scene.labels["view_1.png"]
+    maps = {**scene.labels, "view_1.png": np.where(labels == BLUE, FLOOR, labels)}
+    x, y = scene.center_of(BLUE, "view_1.png")
+    (found,) = find(ClickPrompt("view_1.png", x, y), scene=scene, settings=SMALL_BETTER, label_maps=maps)
+    assert overlap(found, scene, BLUE) > 0.75
+
+
 def test_box_isolates_the_object_in_it(find, blobs: BlobScene) -> None:
     box = box_of(blobs.labels["view_2.png"] == BLUE)
     (found,) = find(BoxPrompt("view_2.png", *box), detector_factory=not_needed)
