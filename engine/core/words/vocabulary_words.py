@@ -152,7 +152,7 @@ def picture_words() -> WordList:
     """
     rows = [(words.split(", "), names.split("; ")) for words, names, _ in _read_rows(PICTURE_WORDS_FILE.name)]
     numbers = {word: frozenset({number}) for number, (words, _) in enumerate(rows) for word in words}
-    foreign = {name: (words[0],) for words, names in rows for name in names if name}
+    foreign: dict[str, tuple[str, ...]] = {name: (words[0],) for words, names in rows for name in names if name}
     return WordList(tuple(ClassWords(tuple(words), "") for words, _ in rows), numbers, foreign)
 
 
