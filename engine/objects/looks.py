@@ -29,7 +29,7 @@ from .proposals import find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import MaskEvidence
 
-_VERSION, _FILE = "looks 10", "looks.npz"
+_VERSION, _FILE = "looks 11", "looks.npz"
 
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
