@@ -103,7 +103,13 @@ def find_proposals(context: SegmentationContext) -> Proposals:
 
 
 def log_odds(context: SegmentationContext, sets: csr_matrix, agreement: Floats) -> Float64:
-    """Return the log-odds of being an object of K sets, [K, N], none of them empty; `agreement`, [K], as above."""
+    """Return the log-odds of being an object of K sets, [K, N], none of them empty.
+
+    Parameters
+    ----------
+    agreement : array of shape [K], float
+        How well photos outline each set: the mean IoU of `find_proposals`, or `SceneGraph.outline_agreement`.
+    """
     extents = np.array([context.views.extent(row.toarray().ravel() > 0) for row in sets])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
     share = np.log(np.asarray(sets.mean(axis=1)).ravel())

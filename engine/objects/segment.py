@@ -78,7 +78,8 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
         return _find_text(context, prompt)
     evidence = find_evidence(prompt, context)
     found = isolate_object(context, evidence)
-    if isinstance(prompt, ClickPrompt):
+    # What is excluded says what the object is not, which the comparison does not know.
+    if isinstance(prompt, ClickPrompt) and not any(one.excluded for one in evidence):
         likelier = likelier_evidence(context, prompt.clicks, evidence, found.members)
         if any(one is not other for one, other in zip(likelier, evidence, strict=True)):
             found = isolate_object(context, likelier)

@@ -15,7 +15,7 @@ from engine.objects.context import SegmentationContext
 from engine.objects.found import FoundObject
 from engine.objects.lifting import isolate_object
 from engine.objects.photos import Photos
-from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
+from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt
 from engine.objects.segment import NoMatchError, find_objects
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.views import Views
@@ -89,6 +89,14 @@ def test_click_finds_the_ball_that_its_own_photo_shows_in_one_segment_with_the_f
     x, y = scene.center_of(BLUE, "view_1.png")
     (found,) = find(ClickPrompt("view_1.png", x, y), scene=scene, settings=SMALL_BETTER, label_maps=maps)
     assert overlap(found, scene, BLUE) > 0.75
+
+
+@pytest.mark.parametrize("parts", [(BLUE, RED), (RED, TWIN)])
+def test_two_clicks_in_one_photo_are_one_object_of_both(find, blobs: BlobScene, parts: tuple[int, int]) -> None:
+    clicks = tuple(Point("view_1.png", *blobs.center_of(part, "view_1.png")) for part in parts)
+    prompt = ClickPrompt(clicks[0].photo, clicks[0].x, clicks[0].y, clicks[1:])
+    (found,) = find(prompt, settings=SMALL_BETTER, label_maps=blobs.labels)
+    assert all(found.members[blobs.part == part].mean() > 0.9 for part in parts)
 
 
 def test_box_isolates_the_object_in_it(find, blobs: BlobScene) -> None:
