@@ -132,7 +132,7 @@ model-choosing-rooms: setup ## eight choosing rooms with 3D models of other peop
 		$(ENGINE) -m benchmarks.rooms reconstruct out/rooms/model_room_$$n --out out/rooms/model_room_$$n/project || exit; \
 	done
 
-real-sets: setup ## objects of real photos by hand-made masks, into docs/objects.md; GAUSSIAN_HERITAGE_DATA names the photo sets; 20 minutes
+real-sets: setup ## objects of real photos by hand-made masks, clicks, words and without a prompt, into docs/objects.md; GAUSSIAN_HERITAGE_DATA names the photo sets; 40 minutes
 	$(ENGINE) -m benchmarks.real_sets --doc docs/objects.md
 
 mixtures: setup ## 300 mixed photo folders with a known truth, into docs/mixtures.md; 7 CPU minutes

@@ -34,7 +34,7 @@ from engine.quality.evaluation.gaussian_truth import gaussian_truth
 from engine.quality.evaluation.ground_truth import read_ground_truth
 
 _PENALTY = 300.0
-"""Weight of the squared weights of standardised features; 100 and 1,000 do as well."""
+"""Weight of the squared weights of standardised features; 1,000 does as well."""
 
 _ROOM_WEIGHT = 150.0
 """Proposals that a room counts for on average, however many it has; the rooms of a family share theirs."""
