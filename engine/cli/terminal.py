@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ _LINES_PER_STAGE = 10
 
 
 class EventOutput:
-    """Prints events and appends them to the log; nothing else prints.
+    """Prints events and appends them to the log, from any thread; nothing else prints.
 
     Parameters
     ----------
@@ -66,6 +67,8 @@ class EventOutput:
         self._bar: Any = None
         self._lines = 0
         self._metrics: dict[str, float] = {}
+        # A line and its end are printed apart.
+        self._whole = threading.RLock()
         self._handler = _LogLines(self)
         logging.getLogger().addHandler(self._handler)
 
@@ -76,28 +79,30 @@ class EventOutput:
 
     def write_log(self, line: str) -> None:
         """Append `line` to the log of the project, if the project exists already; never through a link of any kind."""
-        if self._log is None or self._log.is_symlink() or not (self._log.parent / PROJECT_FILE).is_file():
-            return
-        try:
-            with self._log.open("a", encoding="utf-8", errors="backslashreplace") as stream:
-                if os.fstat(stream.fileno()).st_nlink == 1:
-                    stream.write(line + "\n")
-        except OSError:
-            # The stage itself reports a full disk; a failing log must not hide that message.
-            self._log = None
+        with self._whole:
+            if self._log is None or self._log.is_symlink() or not (self._log.parent / PROJECT_FILE).is_file():
+                return
+            try:
+                with self._log.open("a", encoding="utf-8", errors="backslashreplace") as stream:
+                    if os.fstat(stream.fileno()).st_nlink == 1:
+                        stream.write(line + "\n")
+            except OSError:
+                # The stage itself reports a full disk; a failing log must not hide that message.
+                self._log = None
 
     def __call__(self, event: Event) -> None:
         line = to_json_line(event)
-        self.write_log(line)
-        if self._json_lines:
-            try:
-                print(json_printable(line, sys.stdout), flush=True)
-            except BrokenPipeError:
-                # The reader (Blender) was closed; the job continues, and later events are in its log.
-                self._json_lines = False
-                sys.stdout = sys.stderr
-        else:
-            self._show(event)
+        with self._whole:
+            self.write_log(line)
+            if self._json_lines:
+                try:
+                    print(json_printable(line, sys.stdout), flush=True)
+                except BrokenPipeError:
+                    # The reader (Blender) was closed; the job continues, and later events are in its log.
+                    self._json_lines = False
+                    sys.stdout = sys.stderr
+            else:
+                self._show(event)
 
     def _show(self, event: Event) -> None:
         if isinstance(event, StageStarted):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import threading
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -64,6 +65,7 @@ class FirstPicture(ChildrenBeside):
             "lens": lens,
         }
         self._seen = 0
+        self._looking = threading.Lock()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
@@ -87,12 +89,18 @@ class FirstPicture(ChildrenBeside):
         return look_and_ask
 
     def _look(self) -> None:
+        # Several threads ask: one of them looks.
+        if not self._looking.acquire(blocking=False):
+            return
         file = self._project / FOLDER / PREVIEW_FILE
-        with contextlib.suppress(FileNotFoundError):
-            changed = file.stat().st_mtime_ns
-            if changed != self._seen:
-                self._seen = changed
-                self._emit(Preview("cameras", str(file)))
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                changed = file.stat().st_mtime_ns
+                if changed != self._seen:
+                    self._seen = changed
+                    self._emit(Preview("cameras", str(file)))
+        finally:
+            self._looking.release()
 
     def end(self) -> None:
         """End the process: the training shows its own pictures. The last picture stays until the context ends."""

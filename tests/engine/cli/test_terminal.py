@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,40 @@ def shown(
         printer(event)
     printer.close()
     return output.text, errors.text
+
+
+def test_events_and_log_records_of_several_threads_are_whole_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class InPieces(Stream):
+        """Other threads go on within a line, as they do while the system writes."""
+
+        def write(self, text: str) -> int:
+            return sum(super(InPieces, self).write(character) for character in text)
+
+    output, log = InPieces("utf-8", terminal=False), tmp_path / "log.jsonl"
+    monkeypatch.setattr(sys, "stdout", output)
+    ProjectFolder.create(tmp_path)
+    printer = EventOutput(json_lines=True, log=log)
+
+    def many(number: int) -> None:
+        for step in range(200):
+            printer(Progress(f"stage {number}", step / 200, None, "x"))
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        threads = [threading.Thread(target=many, args=(number,)) for number in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(interval)
+        printer.close()
+    for text in (output.text, log.read_text(encoding="utf-8")):
+        stages = [json.loads(line)["stage"] for line in text.splitlines()]
+        assert sorted(stages) == ["stage 0"] * 200 + ["stage 1"] * 200
 
 
 def test_hidden_characters_become_visible() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -73,6 +74,29 @@ def test_followers_see_each_state_of_the_picture_once_and_no_file_of_it_stays(ch
         # Viewers may still load it until training shows its own.
         assert child.is_over and file.exists()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_thread_that_asks_while_another_looks_goes_on_and_the_picture_is_told_once(
+    child: Child, tmp_path: Path
+) -> None:
+    seen: list[Event] = []
+
+    def emit(event: Event) -> None:
+        seen.append(event)
+        picture._seen = 0  # as if there were another picture meanwhile
+        with ThreadPoolExecutor(1) as other:
+            assert not other.submit(should_stop).result()
+
+    with FirstPicture(tmp_path, PHOTOS, "OPENCV", emit) as picture:
+        should_stop = picture.watched_by(never_stop)
+        picture.start()
+        file = Path(child.given["folder"]) / PREVIEW_FILE
+        file.parent.mkdir()
+        file.touch()
+        should_stop()
+        assert len(seen) == 1
+        should_stop()
+    assert len(seen) == 2
 
 
 def test_picture_is_made_of_photos_from_all_around_with_the_lens_of_the_run(child: Child, tmp_path: Path) -> None:
