@@ -14,7 +14,7 @@ RowBlock = tuple[slice, *tuple[csr_matrix, ...]]
 
 
 def row_blocks(matrices: tuple[csr_matrix, ...], count: int) -> list[RowBlock]:
-    """Return `count` blocks of the rows of matrices, of nearly as many links each; nothing is copied."""
+    """Return `count` blocks of the rows of matrices, of nearly as many links each; links are not copied."""
     links = sum(matrix.indptr.astype(np.int64) for matrix in matrices)
     edges = np.searchsorted(links, np.linspace(0, links[-1], count + 1)[1:-1]).tolist()
     return [
@@ -25,8 +25,11 @@ def row_blocks(matrices: tuple[csr_matrix, ...], count: int) -> list[RowBlock]:
 
 def _rows(matrix: csr_matrix, first: int, end: int) -> csr_matrix:
     start, stop = matrix.indptr[first], matrix.indptr[end]
-    parts = (matrix.data[start:stop], matrix.indices[start:stop], matrix.indptr[first : end + 1] - start)
-    return csr_matrix(parts, shape=(end - first, matrix.shape[1]), copy=False)
+    rows = csr_matrix((end - first, matrix.shape[1]), dtype=matrix.dtype)
+    # Given to `csr_matrix` itself, a small part of a large array is copied.
+    rows.data, rows.indices = matrix.data[start:stop], matrix.indices[start:stop]
+    rows.indptr = matrix.indptr[first : end + 1] - start
+    return rows
 
 
 def on_each(work: Callable[..., None], blocks: Sequence[RowBlock], threads: Executor | None) -> None:
