@@ -39,6 +39,8 @@ _ROUNDS_PER_BATCH = 2
 """Photos of a batch for each core that detects."""
 _DESCRIPTOR_DIM = 128
 """Length of a SIFT descriptor, needed to shape the empty array of a photo without features."""
+_DATABASE_BESIDE, _SPARSE_BESIDE = "database.db.beside", "sparse_beside"
+"""Names of the database and the models of `SfmWorkspace.mapped_beside`."""
 
 
 def _for_colmap(folder: Path) -> Path:
@@ -101,18 +103,26 @@ class SfmWorkspace:
         if not same or not is_whole_database(self.database):
             self.clear()
             write_json(key_file, key)
+        self.delete_beside()
+        for killed in self._folder.glob("trial-*"):
+            delete_derived(self._folder, killed.name)
 
     def clear(self) -> None:
         """Remove the files of this class, and no other files, from the folder."""
-        names = ["made_from.json", self.images.name, self.masks.name, "sparse", "sparse_beside", "pairs.txt", "shares"]
+        names = ["made_from.json", self.images.name, self.masks.name, "sparse", _SPARSE_BESIDE, "pairs.txt", "shares"]
         found = (path.name for pattern in ("database.db*", "trial-*") for path in self._folder.glob(pattern))
         for name in (*names, *found):
+            delete_derived(self._folder, name)
+
+    def delete_beside(self) -> None:
+        """Delete the database and the models of `mapped_beside`, where there are any."""
+        for name in (_SPARSE_BESIDE, *(path.name for path in self._folder.glob(f"{_DATABASE_BESIDE}*"))):
             delete_derived(self._folder, name)
 
     def mapped_beside(self) -> SfmWorkspace:
         """Return this workspace with a database and models of its own, in which photos get other lenses meanwhile."""
         beside = shallow_copy(self)
-        beside.database, beside.sparse = self._folder / "database.db.beside", self._folder / "sparse_beside"
+        beside.database, beside.sparse = self._folder / _DATABASE_BESIDE, self._folder / _SPARSE_BESIDE
         copy_for_mapping(self.database, beside.database)
         return beside
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.errors import DiskError
 from ..core.events import StopCheck
 from .colmap import pycolmap
 from .colmap_calls import opened_database
@@ -48,6 +50,7 @@ _SAMPLE = 60
 shows things from near and from far, and each of the groups costs a mapping."""
 _BETTER = 0.95
 """Error of the model with other groups, relative to the first, from which down it is taken."""
+_LOG = logging.getLogger(__name__)
 
 
 def map_with_lenses(
@@ -90,8 +93,9 @@ def map_with_lenses(
     with contextlib.ExitStack() as running:
         sample = None
         if several_sizes and count > _SAMPLE:
-            sample = _Sample(workspace.mapped_beside(), first_lenses, scales, map_photos, beside, should_stop)
-            running.callback(sample.end)
+            sample = _begun_sample(workspace, first_lenses, scales, map_photos, beside, should_stop)
+            if sample is not None:
+                running.callback(sample.end)
         models = map_photos(workspace, (), should_stop)
         largest = _largest(models)
         if workspace.lenses or largest is None or largest.num_reg_images() < 3:
@@ -105,6 +109,32 @@ def map_with_lenses(
     if best is models:
         return models, trials
     return best, None if own is None else ModelTrials(own)
+
+
+def _begun_sample(
+    workspace: SfmWorkspace,
+    first_lenses: Sequence[Group],
+    scales: dict[int, float],
+    map_photos: MapPhotos,
+    beside: Executor,
+    should_stop: StopCheck,
+) -> _Sample | None:
+    """Return a sample of the photos; None where the disk has no room for its database: all are tried then."""
+    try:
+        of_sample = workspace.mapped_beside()
+    except DiskError as error:
+        _LOG.warning("%s Other lenses are tried on all photos.", error)
+        _delete_beside(workspace)
+        return None
+    return _Sample(of_sample, first_lenses, scales, map_photos, beside, should_stop)
+
+
+def _delete_beside(workspace: SfmWorkspace) -> None:
+    """Delete the files of a sample; what cannot be deleted now, the next run deletes."""
+    try:
+        workspace.delete_beside()
+    except DiskError as error:
+        _LOG.warning("%s", error)
 
 
 class _Sample:
@@ -136,9 +166,10 @@ class _Sample:
         return self._answer.result()
 
     def end(self) -> None:
-        """Give up what is not done."""
+        """Give up what is not done, and delete the files."""
         self._given_up.set()
         wait([self._answer])
+        _delete_beside(self._workspace)
 
     def _found(self) -> bool:
         names = photos_at_gap(self._workspace.database, _SAMPLE)

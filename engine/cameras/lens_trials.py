@@ -6,6 +6,7 @@ lenses of their own, the same photos then fit much better, and the lenses differ
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import logging
 import tempfile
@@ -21,10 +22,10 @@ from threadpoolctl import threadpool_limits
 
 from ..core.arrays import Float64
 from ..core.child_process import ChildFailure, child_beside
-from ..core.errors import CameraError, Cancelled
+from ..core.errors import CameraError, Cancelled, DiskError
 from ..core.events import StopCheck, never_stop
 from .colmap import pycolmap
-from .colmap_calls import wait_for
+from .colmap_calls import require_free_space, translated, wait_for
 
 _LARGEST_ERROR = 10.0
 """Pixels that one point counts at most: points that a trial throws behind a camera have no error."""
@@ -151,16 +152,21 @@ def tried_apart(model: pycolmap.Reconstruction, kind: Kind, folder: Path, *, sho
     Parameters
     ----------
     folder : Path
-        The model is written below it, and deleted.
+        The model is written below it, and deleted. Where that fails, the trial is made in this process.
 
     Raises
     ------
     Cancelled
         When `should_stop` returned True.
     """
-    with tempfile.TemporaryDirectory(prefix="trial-", dir=folder) as place:
-        model.write(place)
+    with contextlib.ExitStack() as ending:
         try:
+            require_free_space(folder)
+            with translated(_WHAT):
+                place = ending.enter_context(
+                    tempfile.TemporaryDirectory(prefix="trial-", dir=folder, ignore_cleanup_errors=True)
+                )
+                model.write(place)
             with child_beside(
                 "cameras.lens_trials:trial_of_file", {"folder": place, "kind": kind}, what=_WHAT
             ) as child:
@@ -169,7 +175,7 @@ def tried_apart(model: pycolmap.Reconstruction, kind: Kind, folder: Path, *, sho
                         raise Cancelled(f"Stopped while {_WHAT}. The next run continues from here.")
                     time.sleep(_POLL_SECONDS)
                 answer = child.end()
-        except ChildFailure as failure:
+        except (ChildFailure, CameraError, DiskError) as failure:
             _LOG.warning("%s It is made in this process.", failure)
             return _tried(model, kind, should_stop=should_stop)
     if answer is None:

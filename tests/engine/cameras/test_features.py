@@ -54,6 +54,20 @@ def test_key_of_the_same_photos_keeps_what_was_done(room: Scene, used: Path, tmp
     assert (folder / "database.db").read_bytes() == (used / "database.db").read_bytes()
 
 
+def test_files_of_a_killed_run_are_deleted_though_the_photos_are_the_same(
+    room: Scene, used: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(used, tmp_path / "work")
+    kept = {path.name for path in folder.iterdir()}
+    for name in ("trial-abc", "sparse_beside"):
+        (folder / name).mkdir()
+        (folder / name / "images.bin").touch()
+    for name in ("database.db.beside", "database.db.beside-journal"):
+        (folder / name).touch()
+    SfmWorkspace(folder, four_photos(room), QUICK)
+    assert {path.name for path in folder.iterdir()} == kept
+
+
 @pytest.mark.parametrize("damage", [cut, lambda file: file.write_bytes(b"nonsense" * 1000)], ids=["cut", "overwritten"])
 def test_damaged_database_is_made_again(room: Scene, used: Path, tmp_path: Path, damage: object) -> None:
     folder = shutil.copytree(used, tmp_path / "work")

@@ -27,10 +27,11 @@ from engine.cameras.feature_scales import SIZES_DIFFER, relative_scales, size_ga
 from engine.cameras.given_check import check_given_cameras
 from engine.cameras.health import judge, refuted_images
 from engine.cameras.lens_groups import group_by_focal, lenses_differ
-from engine.cameras.lens_trials import LensTrial, tried_lenses
+from engine.cameras.lens_trials import LensTrial, tried_apart, tried_lenses
 from engine.cameras.mirrored import agreeing_as_mirrored, smaller_side
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
+from engine.core.errors import CameraError, DiskError
 from engine.core.events import Event, Progress, Warned, never_stop
 from engine.photos.reading import read_photos
 from engine.scene import CameraHealth, CameraSet
@@ -117,6 +118,23 @@ def test_focal_lengths_of_zoomed_photos_are_found_from_a_model_with_one_lens() -
 def test_photos_of_one_lens_are_not_given_several() -> None:
     model = model_of(lambda _: SHARED)
     assert not lenses_differ(model, tried_lenses(model, should_stop=never_stop))
+
+
+@pytest.mark.parametrize("error", [DiskError, CameraError])
+def test_trial_whose_model_cannot_be_written_is_made_in_this_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, error: type[Exception]
+) -> None:
+    def refused(folder: Path) -> None:
+        raise error("The disk is nearly full.")
+
+    model = model_of(lambda _: SHARED)
+    with monkeypatch.context() as changed:
+        changed.setattr("engine.cameras.lens_trials.require_free_space", refused)
+        found = tried_apart(model, "own", tmp_path, should_stop=never_stop)
+    assert caplog.messages == ["The disk is nearly full. It is made in this process."]
+    assert found.error == tried_lenses(model, should_stop=never_stop).error
+    missing = tried_apart(model, "own", tmp_path / "missing" / "folder", should_stop=never_stop)
+    assert missing.error == found.error and list(tmp_path.iterdir()) == []
 
 
 def test_matches_lie_on_their_epipolar_lines_only_where_the_poses_are_right() -> None:

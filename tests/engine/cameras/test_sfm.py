@@ -25,7 +25,7 @@ from engine.cameras.reconstruction import rounded
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras, other_groups_text
 from engine.cameras.undistortion import project
-from engine.core.errors import CameraError, Cancelled, SettingsError
+from engine.core.errors import CameraError, Cancelled, DiskError, SettingsError
 from engine.core.events import Event, Progress, Warned
 from engine.core.system import CODE_ROOT
 from engine.photos.reading import read_photos
@@ -180,6 +180,22 @@ def test_many_photos_that_show_things_in_several_sizes_are_mapped_once_and_some_
     # The few are mapped in a thread of their own.
     assert mapped.count(0) == 1 and set(mapped) == {0, 5}
     assert len(found.cameras) == len(room.cameras) and len({camera.params for camera in found.cameras}) == 1
+    assert not [path.name for path in tmp_path.iterdir() if "beside" in path.name or path.name.startswith("trial-")]
+
+
+def test_disk_without_room_for_a_sample_ends_no_run(
+    room: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(self: SfmWorkspace) -> SfmWorkspace:
+        (tmp_path / "database.db.beside").touch()
+        raise DiskError("The disk is full.")
+
+    monkeypatch.setattr(SfmWorkspace, "mapped_beside", full)
+    monkeypatch.setattr(lens_groups, "size_gap", lambda _: 2.0)
+    monkeypatch.setattr(lens_groups, "_SAMPLE", 5)
+    found = estimate_cameras(room.photo_set, tmp_path, QUICK)
+    assert len(found.cameras) == len(room.cameras) and not (tmp_path / "database.db.beside").exists()
+    assert "The disk is full. Other lenses are tried on all photos." in caplog.messages
 
 
 @pytest.mark.parametrize("count", [1, 2])
