@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..core.errors import ProjectError, PromptError
 from ..core.events import Emit, StopCheck
+from ..core.files import path_within
 from ..objects.settings import SegmentSettings
 from ..project.folder import ProjectFolder
 from ..project.own_words import OwnWords
@@ -89,12 +90,13 @@ def ask_preview(
     )
     from ..pictures import Scene, write_png
     from ..scene import read_camera_set
-    from ..training import gaussians_so_far, read_progress
+    from ..training import gaussians_so_far
 
     run = _run_of(project)
-    progress, gaussians = read_progress(run), gaussians_so_far(run)
-    if progress is None or gaussians is None:
+    so_far = gaussians_so_far(run)
+    if so_far is None:
         raise ProjectError("The scene has no shape yet that could be asked. Ask again in a minute.")
+    step, gaussians = so_far
     cameras = read_camera_set(project.path / "cameras")
     context = SegmentationContext(
         Views(Scene(gaussians), cameras, render_side=settings.render_side),
@@ -113,7 +115,7 @@ def ask_preview(
             picture = out / f"{len(found) + 1}.png"
             write_png(picture, cut_out(context.photos.picture(best.view), best.view.to_photo(best.mask)))
             found.append(Found(text, best.view.camera.photo, picture))
-    return Answers(progress["step"], tuple(found), refused)
+    return Answers(step, tuple(found), refused)
 
 
 def _run_of(project: ProjectFolder) -> Path:
@@ -125,4 +127,4 @@ def _run_of(project: ProjectFolder) -> Path:
         )
     if project.stage_is_done(_STAGE, begun[1]):
         raise ProjectError(f"The scene in {project.path} is trained. Isolate its objects with `segment`.")
-    return project.path / "checkpoints" / str(begun[1])[:12]
+    return path_within(project.path, "checkpoints", str(begun[1])[:12])

@@ -144,7 +144,7 @@ def _flip(image: NDArray[np.float32], level: Level) -> float:
     return float(mean if level.valid is None else errors[level.valid].mean())
 
 
-def gaussians_so_far(folder: Path) -> Gaussians | None:
-    """Return the Gaussians of the checkpoint in `folder`, None when there is no complete checkpoint."""
+def gaussians_so_far(folder: Path) -> tuple[int, Gaussians] | None:
+    """Return the finished steps and the Gaussians of the checkpoint in `folder`, None without a complete one."""
     state = read_state(folder)
-    return None if state is None else state.parameters.to_gaussians(unit_features=True)
+    return None if state is None else (state.step, state.parameters.to_gaussians(unit_features=True))

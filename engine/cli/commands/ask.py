@@ -19,6 +19,7 @@ from .scene_options import add_own_words_option, own_words_of
 NAME = "ask"
 HELP = "Look for what words name in a scene that is still being trained; nothing is stored in the project."
 EXAMPLE = 'python -m engine ask scene --prompt "vase, teapot" --out answers'
+USES_CAMERAS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

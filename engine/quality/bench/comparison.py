@@ -290,7 +290,8 @@ def _progress_in(folder: Path) -> dict[str, Any] | None:
 
 def _gaussians_so_far(folder: Path) -> Gaussians | None:
     run = latest_run(folder / "checkpoints")
-    return None if run is None else gaussians_so_far(run)
+    so_far = None if run is None else gaussians_so_far(run)
+    return None if so_far is None else so_far[1]
 
 
 def _stopped(row: Row, so_far: dict[str, Any] | None, minutes: float) -> Row:
