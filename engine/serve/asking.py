@@ -7,13 +7,17 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from ..core.errors import PromptError
 from ..core.files import read_bytes
+from ..core.words import split_texts
 from ..project.own_words import read_learning
 from .engine_call import call_engine
 from .library import WebProject
 
 _MAX_PICTURE = 64 << 20
 """Bytes of the picture of one thing, a part of a photo."""
+_MAX_TEXTS = 5
+"""Texts of a question: each is looked for in many photos, and others wait for their answers."""
 
 
 def ask_scene(project: WebProject, words: str) -> dict[str, Any]:
@@ -28,11 +32,14 @@ def ask_scene(project: WebProject, words: str) -> dict[str, Any]:
     Raises
     ------
     HeritageError
-        When nothing is found, or the scene is not being trained.
+        When nothing is found, the scene is not being trained, or the words name too many things.
     """
+    if len(split_texts(words)) > _MAX_TEXTS:
+        raise PromptError(f"A question has at most {_MAX_TEXTS} texts. Ask for fewer things.")
     own = [f"--own-words={project.own_words}"] if read_learning(project.project) else []
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:
-        answer = call_engine(["ask", str(project.project), f"--prompt={words}", f"--out={folder}", *own], "answer")
+        arguments = ["ask", str(project.project), f"--prompt={words}", f"--out={folder}", *own]
+        answer = call_engine(arguments, "answer", advice="Ask for fewer things.")
         found = [{**one, "picture": _address_of(Path(one["picture"]))} for one in answer["found"]]
     return {"step": answer["step"], "found": found, "refused": answer["refused"]}
 

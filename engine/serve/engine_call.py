@@ -1,4 +1,4 @@
-"""Short work of the engine that a request waits for: exports, the report, forecasts."""
+"""Short work of the engine that a request waits for: exports, the report, forecasts, answers."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ _LOG = logging.getLogger(__name__)
 _MAX_SECONDS = 600
 
 
-def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
+def call_engine(arguments: Sequence[str], what: str, *, advice: str = "Make it in Blender.") -> dict[str, Any]:
     """Run ``python -m engine`` with `arguments` and return its results, see `engine.core.events.Finished`.
 
     Parameters
     ----------
     what : str
         What is done, for the messages: "export".
+    advice : str
+        What to do where it takes too long.
 
     Raises
     ------
@@ -32,7 +34,7 @@ def call_engine(arguments: Sequence[str], what: str) -> dict[str, Any]:
     run = EngineRun(arguments, ignore_events)
     code = run.wait(_MAX_SECONDS)
     if run.late:
-        raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. Make it in Blender.")
+        raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. {advice}")
     if code:
         _LOG.error("The %s failed with exit code %d: %s", what, code, run.process.complaints())
         raise HeritageError(run.state.error or f"The {what} failed. The server's log has the details.")

@@ -42,7 +42,7 @@ class HeavyWork:
         Raises
         ------
         HTTPException
-            When the user waits for too many exports.
+            When the user waits for too many exports and questions.
         HeritageError
             When there is no such object, or it cannot be exported.
         """
@@ -62,7 +62,7 @@ class HeavyWork:
         Raises
         ------
         HTTPException
-            When the user waits for too many exports.
+            When the user waits for too many exports and questions.
         HeritageError
             When there is none yet, or it cannot be made.
         """
@@ -75,7 +75,7 @@ class HeavyWork:
         Raises
         ------
         HTTPException
-            When the user waits for too many exports and forecasts.
+            When the user waits for too many exports, questions and forecasts.
         HeritageError
             When there are no photos, or they cannot be used.
         """
@@ -90,7 +90,7 @@ class HeavyWork:
         Raises
         ------
         HTTPException
-            When the user waits for too many exports and answers.
+            When the user waits for too many exports and questions.
         HeritageError
             When nothing is found, or the scene is not being trained.
         """
@@ -109,7 +109,9 @@ class HeavyWork:
 
     async def _made(self, user: str, make: Callable[[], _Made], limiter: CapacityLimiter) -> _Made:
         if self._waiting[user] >= self._settings.max_user_exports:
-            raise HTTPException(429, f"{self._waiting[user]} of your exports are being made. Try again later.")
+            raise HTTPException(
+                429, f"{self._waiting[user]} of your exports and questions are under way. Try again later."
+            )
         self._waiting[user] += 1
         try:
             return await to_thread.run_sync(make, limiter=limiter)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from engine.core.errors import ProjectError
-from engine.serve import asking
+from engine.serve import asking, engine_call
 
 from .conftest import API, Client
 
@@ -21,7 +21,7 @@ def test_answer_shows_what_was_found_and_says_why_the_rest_was_not(
 ) -> None:
     asked: list[list[str]] = []
 
-    def engine(arguments: list[str], what: str) -> dict[str, Any]:
+    def engine(arguments: list[str], what: str, **_: str) -> dict[str, Any]:
         asked.append(arguments)
         folder = Path(next(one for one in arguments if one.startswith("--out=")).removeprefix("--out="))
         (folder / "1.png").write_bytes(PICTURE)
@@ -40,11 +40,21 @@ def test_answer_shows_what_was_found_and_says_why_the_rest_was_not(
 def test_question_that_cannot_be_answered_is_a_sentence(
     client: Client, project: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def engine(arguments: list[str], what: str) -> dict[str, Any]:
+    def engine(arguments: list[str], what: str, **_: str) -> dict[str, Any]:
         raise ProjectError("The scene has no shape yet that could be asked. Ask again in a minute.")
 
     monkeypatch.setattr(asking, "call_engine", engine)
     answer = client.http.post(f"{API}/projects/{project}/ask", json={"prompt": "vase"})
     assert answer.status_code == 409 and answer.json()["detail"].startswith("The scene has no shape yet")
-    for prompt, status in ((" ", 422), ("vase" * 1000, 422)):
-        assert client.http.post(f"{API}/projects/{project}/ask", json={"prompt": prompt}).status_code == status
+    for prompt in (" ", "vase" * 1000, "vase, cup, drum, globe, lamp, bust"):
+        answer = client.http.post(f"{API}/projects/{project}/ask", json={"prompt": prompt})
+        assert answer.status_code == 422
+    assert answer.json()["detail"] == "A question has at most 5 texts. Ask for fewer things."
+
+
+def test_question_that_takes_too_long_is_answered_with_what_helps(
+    client: Client, project: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine_call, "_MAX_SECONDS", 0)
+    answer = client.http.post(f"{API}/projects/{project}/ask", json={"prompt": "vase"})
+    assert answer.json()["detail"] == "The answer took more than 0 seconds. Ask for fewer things."

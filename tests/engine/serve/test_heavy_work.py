@@ -52,8 +52,10 @@ def test_many_exports_at_once_keep_nobody_else_waiting(
         wait_until(lambda: any(one.done() for one in asked))
         assert len(n_made) == 1 and client.http.get(f"{API}/projects").status_code == 200
         go_on.set()
-        statuses = sorted(one.result().status_code for one in asked)
-    assert statuses == [200] * 45 + [429]
+        answers = sorted((one.result() for one in asked), key=lambda answer: answer.status_code)
+    assert [answer.status_code for answer in answers] == [200] * 45 + [429]
+    refused = "45 of your exports and questions are under way. Try again later."
+    assert answers[-1].json()["detail"] == refused
 
 
 def test_export_runs_our_engine_whatever_lies_in_the_current_folder(

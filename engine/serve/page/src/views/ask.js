@@ -16,13 +16,14 @@ export function createAsk({ id }) {
   const element = h("div", { class: "stack", hidden: true }, form, told, list);
 
   async function answer() {
-    setText(told, t("Looking. This takes up to a minute."));
+    setText(told, t("Looking. This may take some minutes."));
     refill(list);
     let seen;
     try {
       seen = await askScene(id, words.value.trim());
     } catch (error) {
       setText(told, error.message);
+      announce(error.message);
       return;
     }
     const reasons = Object.values(seen.refused).map(said);
