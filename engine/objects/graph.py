@@ -6,6 +6,7 @@ It is made once after training and kept. Every object is the solution of one lin
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -446,8 +447,8 @@ def load_or_build_graph(
     gaussians, digest = views.scene.gaussians, hashlib.sha256()
     assert gaussians.features is not None
     photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
-    maps = [label_maps[photo] for photo in photos]
-    for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
+    of_scene = (gaussians.means, gaussians.opacities, gaussians.features)
+    for array in itertools.chain(of_scene, map(label_maps.__getitem__, photos)):
         digest.update(np.ascontiguousarray(array).data)
     recipe = stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
     graph = None if file is None else read_graph(file, recipe, len(views.scene))
