@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from .split import measure_split, split_table
 
         for workers in map(int, options.workers.split(",")):
-            # Each keeps itself on one core.
+            # Each keeps itself on the cores of its first worker.
             measuring = get_context("spawn").Process(
                 target=measure_split, args=(options.work, workers, options.cores_each, options.first_core)
             )

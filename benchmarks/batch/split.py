@@ -161,10 +161,10 @@ _FUNCTIONS = (_matching, _masks, _detail)
 
 
 def split_table(work: Path) -> str:
-    """Return the table of what was measured."""
+    """Return the table of what was measured, with as many cores for each worker as in the first file."""
     found = [json.loads(file.read_text(encoding="utf-8")) for file in sorted((work / "split").glob("[0-9]*.json"))]
     first = found[0]
-    each = first["cores_each"]
+    each = first.get("cores_each", 1)
     lines = [
         f"Matching and label maps of the set `{_PHOTOS}` of docs/run_time.md, detail of {_N_OBJECTS} objects of a "
         f"choosing room ({_STEPS} steps each). Every worker has {each} core{'s' if each > 1 else ''}; the engine runs "
@@ -173,7 +173,7 @@ def split_table(work: Path) -> str:
         f"| workers | {' | '.join(f'{name}, s | against one' for name in _WORKS)} | bits |",
         f"| ---: | {'---: | ---: | ' * len(_WORKS)}--- |",
     ]
-    for one in found:
+    for one in (one for one in found if one.get("cores_each", 1) == each):
         both = {name: (first[name], one[name]) for name in _WORKS if name in one and name in first}
         cells = [
             f"{both[name][1]['seconds']:.1f} | {both[name][0]['seconds'] / both[name][1]['seconds']:.2f}"
@@ -181,6 +181,7 @@ def split_table(work: Path) -> str:
             else " | "
             for name in _WORKS
         ]
-        same = all(alone["sha256"] == shared["sha256"] for alone, shared in both.values())
-        lines.append(f"| {one['workers']} | {' | '.join(cells)} | {'those of one' if same else 'others'} |")
+        same = bool(both) and all(alone["sha256"] == shared["sha256"] for alone, shared in both.values())
+        bits = "those of one" if same else "others" if both else ""
+        lines.append(f"| {one['workers']} | {' | '.join(cells)} | {bits} |")
     return "\n".join([*lines, ""])

@@ -133,15 +133,17 @@ def measure(folder: Path, out: Path, *, preset: str, device: str, prompts: str) 
         assert process.stdout is not None
         looking = threading.Thread(target=look, args=(process.pid,))
         looking.start()
-        for event in events_in(process.stdout):
-            if isinstance(event, ErrorEvent):
-                sys.stderr.write(f"{event.message}\n")
-            if isinstance(event, StageStarted):
-                keep()
-                stage, begin = event.stage, time.perf_counter()
-        process.wait()
-        ended.set()
-        looking.join()
+        try:
+            for event in events_in(process.stdout):
+                if isinstance(event, ErrorEvent):
+                    sys.stderr.write(f"{event.message}\n")
+                if isinstance(event, StageStarted):
+                    keep()
+                    stage, begin = event.stage, time.perf_counter()
+            process.wait()
+        finally:
+            ended.set()
+            looking.join()
     keep()
     result["code"] = process.returncode
     write_json(out / "memory.json", result)

@@ -60,7 +60,9 @@ def _building(count: int, work: Path) -> SizedSet:
         list(pool.map(_make, tasks, [rendered] * len(tasks)))
     for index in range(count):
         if not _photo(folder, index).is_file():  # another process may be reading it
-            shutil.copyfile(_photo(rendered, index), _photo(folder, index))
+            unfinished = _photo(folder, index).with_suffix(".unfinished")
+            shutil.copyfile(_photo(rendered, index), unfinished)
+            unfinished.replace(_photo(folder, index))
     cameras = Building(_SEED).cameras(count)
     positions = {_photo(folder, index).name: _position(camera) for index, camera in enumerate(cameras)}
     return SizedSet(read_photos(folder), positions)
