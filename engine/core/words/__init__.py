@@ -5,4 +5,4 @@ Standard library only: Blender and the server split prompts as the engine does.
 
 from .alike import likeness
 from .splitting import join_texts, split_list, split_texts
-from .vocabulary_words import MADE_CLASSES, normalised, picture_words, similarly_spelt, singulars, word_list
+from .vocabulary_words import MADE_CLASSES, normalised, picture_words, pictured, similarly_spelt, singulars, word_list

@@ -73,8 +73,12 @@ class WordList:
         """Return the words of the vocabulary for a German or French text; empty for any other one."""
         return () if self._english_classes(text) else self._translated(text)
 
+    def has(self, word: str) -> bool:
+        """Return whether a whole text in lower case is a word or, but for accents, a German or French name."""
+        return word in self.classes_of_word or _folded(word) in self._folded
+
     def _translated(self, text: str) -> tuple[str, ...]:
-        plain = normalised(_ELISION.sub("", _FOREIGN_ARTICLE.sub("", text.strip().lower())))
+        plain = _without_foreign_article(text)
         words = _AFTER_FOREIGN_NOUN.sub("", plain).split()
         # In French, what describes a thing stands behind it.
         ends = (*_endings(" ".join(words)), *(" ".join(words[:n]) for n in range(len(words) - 1, 0, -1)))
@@ -156,6 +160,21 @@ def picture_words() -> WordList:
     return WordList(tuple(ClassWords(tuple(words), "") for words, _ in rows), numbers, foreign)
 
 
+def pictured(text: str) -> int | None:
+    """Return the number of the word that pictures taught for a text; None for any other one.
+
+    The whole text, articles aside, is that word, its plural, or a name of it: a key ring is no key. Words and names of
+    the classes that are the same come before it.
+    """
+    taught, plain, foreign = picture_words(), normalised(text.replace("’", "'")), _without_foreign_article(text)
+    for form in (plain, foreign, *singulars(plain), *singulars(foreign), foreign.removesuffix("x")):
+        if word_list().has(form):
+            return None
+        if taught.has(form):
+            return min(taught.classes_of(form))
+    return None
+
+
 @functools.cache
 def adjectives() -> frozenset[str]:
     """Return words that describe an object and name none. Raises `FormatError` as `word_list`."""
@@ -196,6 +215,11 @@ def similarly_spelt(texts: Iterable[str], words: Iterable[str]) -> list[str]:
     least = max(likeness.values(), default=0.0) - _LIKENESS_SPREAD
     nearest = sorted((word for word in likeness if likeness[word] >= least), key=lambda word: -likeness[word])
     return [by_lower[word] for word in nearest[:_MAX_SUGGESTIONS]]
+
+
+def _without_foreign_article(text: str) -> str:
+    """Return a text as `normalised` does, without a German or French article."""
+    return normalised(_ELISION.sub("", _FOREIGN_ARTICLE.sub("", text.strip().lower())).replace("’", "'"))
 
 
 def _folded(text: str) -> str:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from ...core.arrays import Float32, Mask, Pixels
 from ...core.errors import PromptError
-from ...core.words import MADE_CLASSES
+from ...core.words import MADE_CLASSES, pictured
 from ...install.models import locate, models_folder, multiplies_bfloat16
 from .crop_describer import CropDescriber, as_boxes
 from .crops import WHITE, Box, cut_out
@@ -137,8 +137,8 @@ class OfflineVocabulary(CropDescriber):
 
         See `Detector.score_unknown`.
         """
-        number = self._vocabulary.pictured(prompt)
-        if number is None:
+        number = pictured(prompt)
+        if number is None or len(described) == 0:
             return None
         pooled = np.ascontiguousarray(described, np.float32).reshape(len(described), -1, N_FEATURES)
         logits = [self._classifier.classes(torch.from_numpy(pooled)), torch.from_numpy(picture_logits(pooled))]
@@ -195,7 +195,7 @@ class OfflineVocabulary(CropDescriber):
         if self._last is None or self._last[0] is not described:
             pooled = np.ascontiguousarray(described, np.float32).reshape(-1, N_FEATURES)
             found = self._classifier.classes(torch.from_numpy(pooled)).softmax(dim=1).numpy()
-            n_crops = described.shape[1] // N_FEATURES
+            n_crops = max(described.shape[1] // N_FEATURES, 1)  # rows without anything: nothing was described
             self._last = described, np.asarray(found, np.float32).reshape(len(described), n_crops, N_CLASSES)
         return self._last[1]
 

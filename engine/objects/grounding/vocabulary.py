@@ -1,4 +1,7 @@
-"""Map a prompt to classes of the classifier: by equal, heritage or broader words, or by similarity of meaning."""
+"""Map a prompt to classes of the classifier: by equal, heritage or broader words, or by similarity of meaning.
+
+What is a word that pictures taught (`engine.core.words.pictured`) has no class, however near its meaning is to one.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 
 from ...core.arrays import Float32, Int64
 from ...core.errors import PromptError
-from ...core.words import normalised, picture_words, word_list
+from ...core.words import normalised, pictured, word_list
 from .detector import PromptCheck
 from .kept_vectors import kept_vectors
 from .sentences import SentenceEncoder
@@ -51,8 +54,10 @@ class Vocabulary:
         PromptError
             When `prompt` is empty.
         """
-        certain = self._list.classes_of(required_text(prompt))
-        if certain:
+        text = required_text(prompt)
+        if pictured(prompt) is not None:
+            return {}
+        if certain := self._list.classes_of(text):
             return dict.fromkeys(sorted(certain), 1.0)
         similarity = self._similarities(prompt)
         best = float(similarity.max())
@@ -80,9 +85,8 @@ class Vocabulary:
             return PromptCheck(True, matches, f"{prompt.strip()!r} is searched for as: {words}.")
         languages = "whose words are English, some also German and French"
         unknown = f"{prompt.strip()!r} is outside the offline vocabulary, {languages}"
-        if self.pictured(prompt) is not None:
-            how = "but known from pictures: of the objects that are offered, those that look most like it come first"
-            return PromptCheck(False, [], f"{unknown}, {how}. Choose one of them, or click on the object instead.")
+        if pictured(prompt) is not None:
+            return PromptCheck(False, [], f"{unknown}, but known from pictures. Click on the object instead.")
         matches = [(word, 1.0) for word in self._misspelt(prompt)]
         misspelt = bool(matches)
         if not misspelt:
@@ -99,17 +103,6 @@ class Vocabulary:
             f"{unknown}; the nearest words are: {words}. Use one of them if it fits, or click on the object instead.",
             misspelt,
         )
-
-    def pictured(self, prompt: str) -> int | None:
-        """Return the number of a word that pictures taught, and no class has; None for any other prompt.
-
-        Raises
-        ------
-        PromptError
-            When `prompt` is empty.
-        """
-        found = picture_words().classes_of(required_text(prompt))
-        return next(iter(found)) if len(found) == 1 and not self.class_weights(prompt) else None
 
     def _misspelt(self, prompt: str) -> list[str]:
         """Return words that are spelt nearly like the prompt; none if all its own words are English ones."""

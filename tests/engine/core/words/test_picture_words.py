@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.core.words import picture_words, word_list
+from engine.core.words import picture_words, pictured, word_list
 from engine.core.words.vocabulary_words import PICTURE_WORDS_FILE
 from engine.objects.grounding.pictures import FEATURES_FILE
 
@@ -30,14 +30,30 @@ def test_each_word_has_a_number_of_its_own_and_features_and_is_no_word_of_a_clas
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("key", "key"), ("an old key", "key"), ("Keys", "key"), ("Schlüssel", "key"), ("une clé", "key"),
+        ("key", "key"), ("the key", "key"), ("Keys", "key"), ("Schlüssel", "key"), ("une clé", "key"),
         ("Koffer", "suitcase"), ("valises", "suitcase"), ("sunflowers", "sunflower"),
-        ("a pair of scissors", "scissors"), ("Schere", "scissors"), ("der Totenkopf", "skull"),
-        ("tombstone", "gravestone"), ("pinecone", "pine cone"), ("Leiter", "ladder"), ("a statue of a man", "statue"),
-        ("fire extinguishers", "fire extinguisher"),
+        ("scissors", "scissors"), ("Schere", "scissors"), ("der Totenkopf", "skull"),
+        ("tombstone", "gravestone"), ("pinecone", "pine cone"), ("Leiter", "ladder"), ("l’ancre", "anchor"),
+        ("Kuerbis", "pumpkin"), ("une pomme de pin", "pine cone"), ("fire extinguishers", "fire extinguisher"),
     ],
 )  # fmt: skip
 def test_word_that_only_pictures_teach_is_known_in_three_languages(text: str, word: str) -> None:
-    known = picture_words()
-    assert [known.classes[number].words[0] for number in known.classes_of(text)] == [word]
-    assert not word_list().classes_of(text)
+    number = pictured(text)
+    assert number is not None and picture_words().classes[number].words[0] == word
+
+
+def test_every_word_with_its_plural_and_every_foreign_name_is_known_from_pictures() -> None:
+    for number, (words, names, _) in enumerate(_rows()):
+        english = words.split(", ")
+        plurals = [f"{word}s" for word in english if not word.endswith("s")]
+        for text in [*english, *plurals, *filter(None, names.split("; "))]:
+            assert pictured(text) == number, text
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["cake stand", "key ring", "tree stump", "book stand", "olive oil", "egg cup", "Schlüsselbrett", "clé de sol",
+     "Eis", "Drachen", "vase", "Vase", "crowned crane", "sarcophagus"],
+)  # fmt: skip
+def test_no_other_text_is_known_from_pictures(text: str) -> None:
+    assert pictured(text) is None

@@ -43,3 +43,22 @@ def test_word_of_pictures_is_scored_beside_all_classes_and_nothing_is_found_by_i
         detector.score_descriptions(described, "der Schädel")
     assert detector.score_unknown(described, "vase") is None  # a class
     assert detector.score_unknown(described, "sarcophagus") is None
+
+
+@pytest.mark.parametrize("text", ["eggs", "a pencil", "feather", "deer", "gift", "une pomme de pin", "lampe de poche"])
+def test_word_of_pictures_is_not_searched_for_as_a_class_of_nearly_the_same_meaning(
+    detector: OfflineVocabulary, text: str
+) -> None:
+    check = detector.check_prompt(text)
+    assert not check.known and check.matches == []
+    assert check.message.endswith("but known from pictures. Click on the object instead.")
+
+
+@pytest.mark.parametrize("text", ["cake stand", "key ring", "tree stump", "book stand", "olive oil"])
+def test_compound_with_a_word_of_pictures_is_not_known_from_them(detector: OfflineVocabulary, text: str) -> None:
+    assert "known from pictures" not in detector.check_prompt(text).message
+    assert detector.score_unknown(_features_like("key"), text) is None
+
+
+def test_word_of_pictures_has_no_scores_where_nothing_was_described(detector: OfflineVocabulary) -> None:
+    assert detector.score_unknown(np.zeros((0, 1), np.float32), "key") is None
