@@ -195,7 +195,9 @@ class Looks:
 
     def _find_least_odds(self, detector: Detector) -> float:
         scores = np.asarray(detector.score_vocabulary(self.described), np.float64)
-        best = np.sort([self._odds(*_count_and_mean(self.proposal, one, self.like)).max() for one in scores.T])
+        best = np.sort(
+            [self._odds(*_count_and_mean(self.proposal, one, self.like)).max(initial=-np.inf) for one in scores.T]
+        )
         rank = int(_FALSE_ACCEPTS * (len(best) + 1))
         # The next number: a word with the same odds is not accepted.
         return float(np.nextafter(best[-rank], np.inf)) if rank else float("inf")

@@ -39,6 +39,8 @@ _LOOKS = {
     "clearly": "looks much like it",
 }
 
+_CHOOSE = "Or choose among the objects that are offered: those that look most like it come first."
+
 
 class NoMatchError(PromptError):
     """Nothing in the scene looks enough like the text.
@@ -57,7 +59,19 @@ class NoMatchError(PromptError):
 
 
 class UnknownWordError(NoMatchError):
-    """The detector does not know the text, and it was not taught; the likeliest objects are its candidates."""
+    """The detector does not know the text, and it was not taught.
+
+    Its candidates are what looks most like the text where pictures taught it, otherwise the likeliest objects.
+
+    Attributes
+    ----------
+    reason : str
+        The message without what it says of the candidates.
+    """
+
+    def __init__(self, reason: str, candidates: Sequence[MaskEvidence], *, by_likeness: bool) -> None:
+        super().__init__(f"{reason} {_CHOOSE}" if candidates and by_likeness else reason, candidates)
+        self.reason = reason
 
 
 def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObject]:
@@ -129,7 +143,7 @@ def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundOb
         try:
             others = _find_named(context.part(1, 2), spatial.other)
         except UnknownWordError as error:
-            raise PromptError(str(error)) from error  # its pictures would be named by the whole text
+            raise PromptError(error.reason) from error  # its pictures would be named by the whole text
         except NoMatchError:
             pass  # `choose` says that there is none
     means = context.means
@@ -169,10 +183,9 @@ def _looks_for(check: PromptCheck, text: str, context: SegmentationContext, *, i
     # A misspelt word is answered by suggestions. No scene is looked at for it that was not before.
     look = kept_looks if check.misspelt else load_or_build_looks
     looks = look(context.part(0, 2))
-    offered = []
-    if looks is not None:
-        offered = _offered(looks, looks.scores_of_unknown(text, context.detector), context.part(1, 2))
-    raise UnknownWordError(unknown_word(text, check), offered)
+    scores = None if looks is None else looks.scores_of_unknown(text, context.detector)
+    offered = [] if looks is None else _offered(looks, scores, context.part(1, 2))
+    raise UnknownWordError(unknown_word(text, check), offered, by_likeness=scores is not None)
 
 
 def _answers(

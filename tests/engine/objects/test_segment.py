@@ -14,6 +14,7 @@ from engine.masks import mask_iou
 from engine.objects.context import SegmentationContext
 from engine.objects.found import FoundObject
 from engine.objects.lifting import isolate_object
+from engine.objects.looks import Looks
 from engine.objects.photos import Photos
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt
 from engine.objects.segment import NoMatchError, find_objects
@@ -24,6 +25,7 @@ from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
 from engine.project.objects import list_objects, load_membership
 from engine.scene.camera import PinholeCamera
+from tests.engine.install.models.weights import fetched
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, as_pinhole, make_scene
 
@@ -422,6 +424,39 @@ def test_unknown_word_is_refused_before_any_crop_is_described(find, blobs: BlobS
 
     with pytest.raises(PromptError, match="'astrolabe' is not known"):
         find(TextPrompt("astrolabe"), settings=SMALL_BETTER, detector_factory=lambda: Describing(blobs))
+
+
+class _Pictured(FakeDetector):
+    """Knows "key" from pictures: the blue ball looks most like it."""
+
+    def score_unknown(self, described, prompt):  # type: ignore[no-untyped-def]
+        return self.score_descriptions(described, "blue ball") if prompt == "key" else None
+
+
+@pytest.mark.parametrize(("text", "offers"), [("key", True), ("red ball on the key", False), ("astrolabe", False)])
+def test_refusal_says_that_the_likest_is_offered_where_pictures_taught_the_word_and_something_is_offered(
+    text: str, offers: bool, find, blobs: BlobScene
+) -> None:
+    given = {"settings": SMALL_BETTER, "label_maps": blobs.labels, "detector_factory": lambda: _Pictured(blobs)}
+    with pytest.raises(PromptError, match="is not known") as refusal:
+        find(TextPrompt(text), **given)
+    assert ("those that look most like it come first" in str(refusal.value)) is offers
+
+
+@pytest.mark.parametrize("text", ["vase", "key", "egg", "flux capacitor"])
+def test_scene_without_anything_that_may_be_an_object_refuses_every_word_in_a_sentence(
+    text: str, find, blobs: BlobScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from engine.objects.grounding.offline_vocabulary import OfflineVocabulary
+
+    fetched("efficientnet-lite2", "minilm", "minilm-tokenizer")
+    none, no_box, no_row = np.zeros(0, np.int32), np.zeros((0, 2, 2), np.float32), np.zeros((0, 1), np.float32)
+    members = np.zeros((0, len(blobs.gaussians.means)), bool)
+    looks = Looks(members, np.zeros(0, np.float32), none, none, (), no_box, no_row)
+    monkeypatch.setattr("engine.objects.segment.load_or_build_looks", lambda context: looks)
+    with pytest.raises(NoMatchError, match=f"{text!r}") as refusal:
+        find(TextPrompt(text), settings=SMALL_BETTER, label_maps=blobs.labels, detector_factory=OfflineVocabulary)
+    assert refusal.value.candidates == () and "come first" not in str(refusal.value)
 
 
 def test_left_and_right_are_those_of_the_asking_photo(find, blobs: BlobScene) -> None:

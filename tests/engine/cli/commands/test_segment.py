@@ -98,7 +98,7 @@ def test_word_that_only_pictures_taught_is_answered_by_what_looks_most_like_it_f
     fetched("efficientnet-lite2", "minilm", "minilm-tokenizer")
     answer = call(capsys, "segment", scene, "--prompt", "eine Bombe, flux capacitor")
     assert answer.code == 3 and list_objects(scene) == []
-    assert answer.error.count("known from pictures: of the objects that are offered") == 1
+    assert answer.error.count("known from pictures. Click on the object instead. Or choose among the objects") == 1
     candidates = read_not_found(scene).candidates
     assert all(one.score == 0 for one in candidates if one.text == "flux capacitor")
     scores = [one.score for one in candidates if one.text == "eine Bombe"]
