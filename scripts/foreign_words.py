@@ -37,6 +37,9 @@ _LEAST_WEIGHT = 0.5
 """Weight of a translation, relative to the best one of its word, from which on it is kept."""
 _MAX_CLASSES = 120
 """Words for more classes are left out: "device" says little."""
+_PLAIN_VOWELS = str.maketrans("äöüÄÖÜ", "aouAOU")
+_OWN_SENSE = frozenset({"Drachen"})
+"""Plurals of what pictures show that are singulars as well: a kite, and dragons."""
 _LICENCE = """\
 # German and French names of what the vocabulary has words for: the name, then words of the vocabulary, the likeliest
 # first. `scripts/foreign_words.py` makes this file, and says of which packages. Both dictionaries are under the GNU
@@ -136,13 +139,19 @@ def rows(all_weights: Iterable[Weights], english: Container[str], known: WordLis
     for name, words in merged.items():
         best = max(words.values())
         kept = [word for word in sorted(words, key=lambda one: -words[one]) if words[word] >= _LEAST_WEIGHT * best]
-        # An English word is meant as one: "Gift" is a poison, and "boot" a ship.
         # What pictures show is none of the classes: "Schere" is no claw.
-        if name in picture_words().foreign:
+        if name in picture_words().foreign or (name not in _OWN_SENSE and _is_plural(name, picture_words().foreign)):
             continue
+        # An English word is meant as one: "Gift" is a poison, and "boot" a ship.
         if name.lower() not in english and not known.classes_of(name) and any(kept):
             result[name] = [word for word in kept if word]
     return dict(sorted(result.items(), key=lambda row: (row[0].lower(), row[0])))
+
+
+def _is_plural(name: str, others: Iterable[str]) -> bool:
+    """Return whether a German name is one of the others with an ending of plurals, with or without umlaut."""
+    ends = {name.translate(_PLAIN_VOWELS).removesuffix(ending) for ending in ("n", "en", "e", "er")}
+    return name[0].isupper() and not ends.isdisjoint(other.translate(_PLAIN_VOWELS) for other in others)
 
 
 def main() -> None:

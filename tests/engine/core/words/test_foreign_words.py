@@ -42,6 +42,14 @@ def test_nouns_of_both_dictionaries_are_kept_with_their_forms_and_without_englis
     assert found == {"bouclier": ["shield"], "cruche": ["jug", "pitcher"], "tambour": ["drum"]}
 
 
+def test_names_of_what_pictures_show_are_left_out_with_their_plurals() -> None:
+    """Drachen are kites, and dragons."""
+    lines = "Schere {f} | Scheren {pl} :: jar | jars\nSarg {m} | Särge {pl} :: jar | jars\nSargdeckel {m} :: jar\n"
+    found = rows([german([*lines.splitlines(), "Drachen {m} :: drum"])], set(), known())
+    assert set(found) == {"Sargdeckel", "Drachen"}
+    assert not {"Scheren", "Zangen", "Spitzhacken", "Särge", "Boxhandschuhe"} & word_list().foreign.keys()
+
+
 def test_every_name_of_the_file_means_words_of_the_vocabulary_and_is_none_itself() -> None:
     words = word_list()
     assert len(words.foreign) > 4000
