@@ -32,9 +32,12 @@ def ask_scene(project: WebProject, words: str) -> dict[str, Any]:
     Raises
     ------
     HeritageError
-        When nothing is found, the scene is not being trained, or the words name too many things.
+        When nothing is found, the scene is not being trained, or the words name nothing or too many things.
     """
-    if len(split_texts(words)) > _MAX_TEXTS:
+    count = len(split_texts(words))
+    if not count:
+        raise PromptError(f"{words!r} names nothing. Write for example: vase, teapot.")
+    if count > _MAX_TEXTS:
         raise PromptError(f"A question has at most {_MAX_TEXTS} texts. Ask for fewer things.")
     own = [f"--own-words={project.own_words}"] if read_learning(project.project) else []
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:

@@ -6,12 +6,14 @@ import logging
 from collections.abc import Sequence
 from typing import Any
 
-from ..core.errors import HeritageError, ProjectError
+from ..core.errors import HeritageError, ProjectError, PromptError
 from ..core.events import ignore_events
 from ..workers.jobs import EngineRun
 
 _LOG = logging.getLogger(__name__)
 _MAX_SECONDS = 600
+_KINDS: dict[str, type[HeritageError]] = {kind.__name__: kind for kind in (ProjectError, PromptError)}
+"""Refusals of the engine, not faults of the server, by their names in its events."""
 
 
 def call_engine(arguments: Sequence[str], what: str, *, advice: str = "Make it in Blender.") -> dict[str, Any]:
@@ -27,7 +29,7 @@ def call_engine(arguments: Sequence[str], what: str, *, advice: str = "Make it i
     Raises
     ------
     HeritageError
-        With the engine's own sentence.
+        With the engine's own sentence; a `PromptError` or `ProjectError` is one here, too.
     ProjectError
         When it takes too long; it is killed then.
     """
@@ -37,5 +39,6 @@ def call_engine(arguments: Sequence[str], what: str, *, advice: str = "Make it i
         raise ProjectError(f"The {what} took more than {_MAX_SECONDS} seconds. {advice}")
     if code:
         _LOG.error("The %s failed with exit code %d: %s", what, code, run.process.complaints())
-        raise HeritageError(run.state.error or f"The {what} failed. The server's log has the details.")
+        kind = _KINDS.get(run.state.error_type, HeritageError)
+        raise kind(run.state.error or f"The {what} failed. The server's log has the details.")
     return run.state.outputs

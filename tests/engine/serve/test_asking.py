@@ -46,7 +46,7 @@ def test_question_that_cannot_be_answered_is_a_sentence(
     monkeypatch.setattr(asking, "call_engine", engine)
     answer = client.http.post(f"{API}/projects/{project}/ask", json={"prompt": "vase"})
     assert answer.status_code == 409 and answer.json()["detail"].startswith("The scene has no shape yet")
-    for prompt in (" ", "vase" * 1000, "vase, cup, drum, globe, lamp, bust"):
+    for prompt in (" ", ",", "vase" * 1000, "vase, cup, drum, globe, lamp, bust"):
         answer = client.http.post(f"{API}/projects/{project}/ask", json={"prompt": prompt})
         assert answer.status_code == 422
     assert answer.json()["detail"] == "A question has at most 5 texts. Ask for fewer things."
@@ -58,3 +58,8 @@ def test_question_that_takes_too_long_is_answered_with_what_helps(
     monkeypatch.setattr(engine_call, "_MAX_SECONDS", 0)
     answer = client.http.post(f"{API}/projects/{project}/ask", json={"prompt": "vase"})
     assert answer.json()["detail"] == "The answer took more than 0 seconds. Ask for fewer things."
+
+
+def test_refusal_of_the_engine_is_no_fault_of_the_server(client: Client, project: str) -> None:
+    answer = client.http.post(f"{API}/projects/{project}/ask", json={"prompt": "vase"})
+    assert answer.status_code == 409 and "the server" in answer.json()["detail"]
