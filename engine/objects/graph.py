@@ -5,10 +5,11 @@ It is made once after training and kept. Every object is the solution of one lin
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 from collections.abc import Mapping
-from concurrent.futures import Executor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -134,7 +135,7 @@ class SceneGraph:
         strictness: float | Float32,
         shown: float | Float32 | None = None,
         *,
-        threads: Executor | None = None,
+        n_threads: int = 1,
     ) -> Float32:
         """Return the memberships of the Gaussians in K objects. Every membership falls as the strictness rises.
 
@@ -147,8 +148,8 @@ class SceneGraph:
         shown : float, array of shape [K], float32, or None
             Pixels that the evidence shows of the object, in a view. Segments of more than twice as many weigh less.
             None lets all segments weigh the same.
-        threads : Executor or None
-            Share the rows of each product, on as many cores as there are; each row has the bits of one thread.
+        n_threads : int
+            Share the rows of each product; each row has the bits of one thread.
 
         Returns
         -------
@@ -175,11 +176,8 @@ class SceneGraph:
         solution, scaled = np.zeros_like(degrees), np.empty_like(degrees)
         direction, product = residual / diagonal, np.empty_like(degrees)
         between = np.empty((to_gaussians.shape[0], degrees.shape[1]), np.float32)
-        count = 1 if threads is None else len(usable_cores())
-        of_segments, of_gaussians = (
-            row_blocks((to_gaussians,), count),
-            row_blocks((self.neighbours, to_segments), count),
-        )
+        of_segments = row_blocks((to_gaussians,), n_threads)
+        of_gaussians = row_blocks((self.neighbours, to_segments), n_threads)
 
         def gather(rows: slice, back: csr_matrix) -> None:
             np.multiply(weights[rows], back @ direction, out=between[rows])
@@ -199,18 +197,19 @@ class SceneGraph:
             direction[rows] += scaled[rows]
 
         enough, size = _TOLERANCE**2 * _dot(residual, residual), _dot(residual, direction)
-        for _ in range(_MAX_STEPS):
-            if (_dot(residual, residual) <= enough).all():
-                break
-            on_each(gather, of_segments, threads)
-            on_each(multiply, of_gaussians, threads)
-            curvature = _dot(direction, product)
-            # Rounding alone makes it negative: such a column is left as it is.
-            length = np.divide(size, curvature, out=np.zeros_like(size), where=curvature > _SMALLEST)
-            on_each(move, of_gaussians, threads)
-            before, size = size, _dot(residual, scaled)
-            turned = size / np.maximum(before, _SMALLEST)
-            on_each(turn, of_gaussians, threads)
+        with ThreadPoolExecutor(n_threads) if n_threads > 1 else contextlib.nullcontext() as threads:
+            for _ in range(_MAX_STEPS):
+                if (_dot(residual, residual) <= enough).all():
+                    break
+                on_each(gather, of_segments, threads)
+                on_each(multiply, of_gaussians, threads)
+                curvature = _dot(direction, product)
+                # Rounding alone makes it negative: such a column is left as it is.
+                length = np.divide(size, curvature, out=np.zeros_like(size), where=curvature > _SMALLEST)
+                on_each(move, of_gaussians, threads)
+                before, size = size, _dot(residual, scaled)
+                turned = size / np.maximum(before, _SMALLEST)
+                on_each(turn, of_gaussians, threads)
         return np.clip(solution, 0, 1)
 
     def memberships(
@@ -219,7 +218,7 @@ class SceneGraph:
         strictness: float | Float32,
         shown: float | Float32 | None = None,
         *,
-        threads: Executor | None = None,
+        n_threads: int = 1,
     ) -> Float32:
         """Return what `solve` returns, as rows, but 0 in light parts of what belongs to an object.
 
@@ -228,7 +227,7 @@ class SceneGraph:
 
         Parameters
         ----------
-        votes, strictness, shown, threads
+        votes, strictness, shown, n_threads
             As of `solve`.
 
         Returns
@@ -236,7 +235,7 @@ class SceneGraph:
         array of shape [K, N], float32
             0 to 1.
         """
-        solved = np.ascontiguousarray(self.solve(votes, strictness, shown, threads=threads).T)
+        solved = np.ascontiguousarray(self.solve(votes, strictness, shown, n_threads=n_threads).T)
         for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
             members = np.flatnonzero(membership >= MEMBER_THRESHOLD)
             if self.neighbours.nnz and len(members):

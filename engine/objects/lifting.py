@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -233,8 +232,7 @@ def _solved(context: SegmentationContext, items: Sequence[MaskEvidence], factors
     )
     strictness = context.settings.strictness * np.tile(factors, len(items))
     shown = np.repeat(np.array([item.mask.sum() for item in items], np.float32), n_factors)
-    with ThreadPoolExecutor(len(usable_cores())) as threads:
-        solved = graph.memberships(Votes(inside, outside), strictness, shown, threads=threads)
+    solved = graph.memberships(Votes(inside, outside), strictness, shown, n_threads=len(usable_cores()))
     return solved.reshape(len(items), n_factors, -1)
 
 

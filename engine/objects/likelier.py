@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -63,8 +62,8 @@ def _likelier(context: SegmentationContext, item: MaskEvidence, answer: Mask, we
     """Return the evidence with the members of the likeliest object that holds the Gaussians of each place, [N, S]."""
     graph, views = context.graph, context.views
     segments = _segments_at(graph, weights)
-    with ThreadPoolExecutor(len(usable_cores())) as threads:
-        solved = graph.memberships(graph.votes_of(segments), context.settings.strictness, threads=threads)
+    strictness = context.settings.strictness
+    solved = graph.memberships(graph.votes_of(segments), strictness, n_threads=len(usable_cores()))
     members = np.stack([answer, *(bounded(one, context.means) >= MEMBER_THRESHOLD for one in solved)])
     sizes = members.sum(axis=1)
     possible = (

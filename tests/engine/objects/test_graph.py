@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,6 @@ from scipy.sparse import csr_matrix
 from engine.core.errors import Cancelled
 from engine.core.events import never_stop
 from engine.masks import mask_iou
-from engine.objects import graph as graph_module
 from engine.objects.graph import SceneGraph, build_graph, load_or_build_graph
 from engine.objects.views import Views
 from engine.objects.votes import MaskEvidence, Votes, count_votes
@@ -98,14 +96,12 @@ def test_objects_that_are_solved_together_are_what_they_are_alone(
 
 @pytest.mark.parametrize("cores", [1, 3, 16])
 def test_object_has_the_same_bits_on_any_number_of_cores(
-    cores: int, graph: SceneGraph, blobs: BlobScene, views: Views, monkeypatch: pytest.MonkeyPatch
+    cores: int, graph: SceneGraph, blobs: BlobScene, views: Views
 ) -> None:
     votes = count_votes(views, mask_of(blobs, views, BLUE, 1), graph.pixels)
     both = Votes(np.stack([votes.inside] * 2, axis=1), np.stack([votes.outside] * 2, axis=1))
     strictness = np.array([0.6, 2.0], np.float32)
-    monkeypatch.setattr(graph_module, "usable_cores", lambda: range(cores))
-    with ThreadPoolExecutor(4) as threads:
-        shared = graph.solve(both, strictness, 50.0, threads=threads)
+    shared = graph.solve(both, strictness, 50.0, n_threads=cores)
     np.testing.assert_array_equal(shared, graph.solve(both, strictness, 50.0))
 
 
