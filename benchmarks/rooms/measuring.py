@@ -1,4 +1,4 @@
-"""Measures a trained room with the method of this working tree: by mask, by word, and find all."""
+"""Measures a trained room with the method of this working tree: by mask, by click, by word, and find all."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from engine.quality.evaluation.settings import EvaluationSettings, PromptKind
 from .results import METHODS, VERSION
 
 _STAGES = ("photos", "cameras", "masks", "training")
-_KINDS: tuple[PromptKind, ...] = ("mask", "text", "all")
+_KINDS: tuple[PromptKind, ...] = ("mask", "click", "text", "all")
 _TEST_PHOTOS = "test photos"
 
 
@@ -119,9 +119,9 @@ def _kept(file: Path, key: str, evaluate: Callable[[], Evaluation]) -> dict[str,
 
 def _figures(evaluation: Evaluation) -> dict[str, Any]:
     kind = evaluation.settings.prompt_kind
-    if kind == "mask":
+    if kind in ("mask", "click"):
         rows = {method: [row for row in evaluation.rows if row.method == method] for method in METHODS}
-        return {"mask": {method: [_object(row) for row in found] for method, found in rows.items()}}
+        return {kind: {method: [_object(row) for row in found] for method, found in rows.items()}}
     if kind == "text":
         return {
             "text": {

@@ -31,11 +31,12 @@ _MEASURED = {
     "test_psnr": (float, None),
     "seconds": {str: _SECONDS},
     "mask": {str: [_OBJECT]},
+    "click": optional({str: [_OBJECT]}),
     "text": {str: {"words": [{"iou": float, **_WORD}], "absent": [_WORD]}},
     "ceiling": ({str: str}, None),
     "all": {str: {"objects": [_OBJECT], "n_false": int, "n_results": int, "wall": float, "cpu": float}},
 }
-"""What `benchmarks.rooms measure` writes, in the working tree of the frozen method."""
+"""What `benchmarks.rooms measure` writes, in the working tree of the frozen method; the first methods had no clicks."""
 _RESULT = {**_MEASURED, "room": str, "seed": int, "commit": str, "pictures": str, "rendered": optional(_SECONDS)}
 
 
@@ -105,6 +106,8 @@ class Figures:
         By mask, means over the objects.
     whole : float or None
         By mask, objects with an IoU of at least `WHOLE_IOU`.
+    click_found, click_whole, click_iou, click_boundary_iou : float or None
+        By click: objects with an IoU of at least `FOUND_IOU`, of at least `WHOLE_IOU`, and means over the objects.
     words_found, words_whole : float or None
         Words whose object has an IoU of at least `FOUND_IOU`, and of at least `WHOLE_IOU`.
     word_iou : float or None
@@ -132,6 +135,10 @@ class Figures:
     iou: float | None
     boundary_iou: float | None
     whole: float | None
+    click_found: float | None
+    click_whole: float | None
+    click_iou: float | None
+    click_boundary_iou: float | None
     words_found: float | None
     words_whole: float | None
     word_iou: float | None
@@ -150,12 +157,14 @@ class Figures:
 def figures_of(result: dict[str, Any], method: str) -> Figures | None:
     """Return the figures of a method, None when the result does not have it.
 
-    Without ``find all``, which not every preset can do, its figures are None.
+    Without ``find all``, which not every preset can do, its figures are None, and so are those of clicks where they
+    were not measured.
     """
     if method not in result["mask"] or method not in result["text"]:
         return None
     masks, words = result["mask"][method], result["text"][method]["words"]
     absent, found = result["text"][method]["absent"], result["all"].get(method)
+    clicks = result.get("click", {}).get(method, [])
     # The first word loads the models.
     seconds = [one["wall"] for one in (*words, *absent)][1:]
     ceiling = result["ceiling"]
@@ -166,6 +175,10 @@ def figures_of(result: dict[str, Any], method: str) -> Figures | None:
         iou=_percent(one["iou"] for one in masks),
         boundary_iou=_percent(one["boundary_iou"] for one in masks),
         whole=_percent(one["iou"] >= WHOLE_IOU for one in masks),
+        click_found=_percent(one["iou"] >= FOUND_IOU for one in clicks),
+        click_whole=_percent(one["iou"] >= WHOLE_IOU for one in clicks),
+        click_iou=_percent(one["iou"] for one in clicks),
+        click_boundary_iou=_percent(one["boundary_iou"] for one in clicks),
         words_found=_percent(one["iou"] >= FOUND_IOU for one in words),
         words_whole=_percent(one["iou"] >= WHOLE_IOU for one in words),
         word_iou=_percent(one["iou"] for one in words),

@@ -19,6 +19,12 @@ _ROOMS_TITLE, _DRAWS_TITLE = "Random rooms", "Random rooms: every draw"
 
 _CHOOSING, _TEST, _MODELS = "choosing (*in sample*)", "test (*test*)", "of models (*test*)"
 _MASK = (("mIoU", "iou"), ("mBIoU", "boundary_iou"), ("whole %", "whole"))
+_CLICK = (
+    ("found %", "click_found"),
+    ("whole %", "click_whole"),
+    ("mIoU", "click_iou"),
+    ("mBIoU", "click_boundary_iou"),
+)
 _WORD = (
     ("found %", "words_found"),
     ("whole %", "words_whole"),
@@ -29,7 +35,7 @@ _WORD = (
 )
 _ALL = (("found %", "all_found"), ("whole %", "all_whole"), ("mean IoU", "all_iou"), ("false finds", "false_finds"))
 _SCENE = (("test PSNR dB", "psnr"), ("minutes per room", "minutes"))
-_ROOM = (*_MASK, *_WORD[:5], *_ALL, *_SCENE)
+_ROOM = (*_MASK, *_CLICK[:3], *_WORD[:5], *_ALL, *_SCENE)
 
 _EXPLANATION = """\
 Means over the rooms ± standard error over the rooms. A room has 24 photos of 480x360 and true cameras, and is trained
@@ -39,6 +45,7 @@ settings may be chosen on them. The seeds of the test rooms follow from the hash
 nothing was chosen on them. Exhibits of rooms *of models* are 3D models of other people (`make model-rooms`).
 
 - By mask: as in the sections above. Whole: with an IoU of at least 0.85.
+- By click: on the pixel of the true mask that is farthest from its border, in the photo of the mask.
 - By word: a word is found when the IoU of its object is at least 0.5, and whole from 0.85 on. The mean IoU is over all
   words, with 0 for a refused one. Absent refused: words for things that the room does not show and that found nothing.
   Ceiling: words that the detector ranks first on the true mask's crop. Seconds are wall seconds per word after the
@@ -110,6 +117,7 @@ def rooms_section(repository: Path, draws: Sequence[Draw]) -> str:
         "```\nmake test-rooms\n```",
         *_remarks(measured),
         "**By mask**\n\n" + _means(measured, _MASK),
+        "**By click**\n\n" + _means(measured, _CLICK),
         "**By word**\n\n" + _means(measured, _WORD, worst=True),
         "**Find all**\n\n" + _means(measured, _ALL),
         "**Scene**\n\n" + _scene(measured),
@@ -208,7 +216,7 @@ def _scene(measured: Sequence[_Measured]) -> str:
 
 
 def _every_room(measured: Sequence[_Measured]) -> str:
-    kinds = ["mask: "] * len(_MASK) + ["word: "] * (len(_WORD) - 1) + ["all: "] * len(_ALL) + [""] * len(_SCENE)
+    kinds = ["mask: "] * len(_MASK) + ["click: "] * 3 + ["word: "] * 5 + ["all: "] * len(_ALL) + [""] * len(_SCENE)
     names = [kind + name for kind, (name, _) in zip(kinds, _ROOM, strict=True)]
     lines = [f"| room | objects | {' | '.join(names)} |", f"| --- | ---: |{' ---: |' * len(names)}"]
     for one in measured:

@@ -27,6 +27,7 @@ def measured(
         "test_psnr": psnr,
         "seconds": {"training": {"wall": 120.0, "cpu": 200.0, "whole": whole}},
         "mask": dict.fromkeys(methods, masks),
+        "click": dict.fromkeys(methods, objects),
         "text": {method: {"words": found, "absent": absent} for method in methods},
         "ceiling": {"word 0": "word 0", "word 1": "word 0", "word 2": "word 2"},
         "all": {"better": {"objects": objects, "n_false": 3, "n_results": 9, "wall": 60.0, "cpu": 90.0}},

@@ -1,4 +1,4 @@
-"""A project is measured by mask, by word and without prompts; what a killed run measured is not measured again."""
+"""A project is measured by mask, click and word and without a prompt; what a killed run measured stays."""
 
 from __future__ import annotations
 
@@ -82,15 +82,17 @@ def project(make_project: Callable[[Path], ProjectFolder], tmp_path: Path) -> Pr
 
 def test_a_perfect_scene_gets_high_figures(project: ProjectFolder, blobs: BlobScene, asked: list[str]) -> None:
     result = measure(project, blobs)
-    assert asked == ["mask", "text", "all"]
+    assert asked == ["mask", "click", "text", "all"]
     figures = figures_of(result, "better")
     assert figures is not None
     assert (figures.n_objects, figures.n_words, figures.n_absent) == (3, len(set(PROMPTS.values())), 1)
     assert figures.iou is not None and figures.iou > 90
     assert figures.words_found == 100 and figures.refused == 100 and figures.psnr == 27.5
-    assert set(result["mask"]) == set(result["text"]) == {"paper", "released", "better"}
+    assert set(result["mask"]) == set(result["click"]) == set(result["text"]) == {"paper", "released", "better"}
     assert set(result["all"]) == {"better"}
-    assert set(result["seconds"]) == {"photos", "cameras", "masks", "training", "by mask", "by text", "find all"}
+    assert figures.click_found == 100 and figures.click_iou is not None and figures.click_iou > 90
+    stages = {"photos", "cameras", "masks", "training"}
+    assert set(result["seconds"]) == stages | {"by mask", "by click", "by text", "find all"}
     assert result["test_photos"] == list(HELD_OUT)
 
 
@@ -118,7 +120,7 @@ def test_another_training_is_measured_anew(project: ProjectFolder, blobs: BlobSc
     finish(project, key="of another training")
     asked.clear()
     measure(project, blobs)
-    assert asked == ["mask", "text", "all"]
+    assert asked == ["mask", "click", "text", "all"]
 
 
 def test_the_psnr_of_training_photos_is_no_test_psnr(

@@ -46,13 +46,15 @@ def test_means_and_standard_errors_are_over_rooms(tmp_path: Path) -> None:
         store(tmp_path, FIRST, room, iou=0.80 + 0.01 * number)
     text = rooms_section(tmp_path, DRAWS)
     # Deviation of 0, 1, ... 7 is 2.449 with n - 1; divided by the root of 8: 0.866. Three rooms reach 0.85.
-    mask, word, find_all = rows(text, "8 choosing (*in sample*)", NAME, "better")
+    mask, click, word, find_all = rows(text, "8 choosing (*in sample*)", NAME, "better")
     assert mask == ["83.5 ± 0.9", "73.5 ± 0.9", "37.5 ± 18.3"]
+    # Of two clicks one leads to an object, which has the IoU of the mask.
+    assert click == ["50.0 ± 0.0", "18.8 ± 9.1", "46.8 ± 0.4", "41.8 ± 0.4"]
     # Of the words 90, 60 and 0, two are found, one of them whole; of two absent things one is refused; 2 of 3 are
     # ranked first.
     assert word == ["66.7 ± 0.0", "33.3 ± 0.0", "50.0 ± 0.0", "50.0 ± 0.0", "66.7 ± 0.0", "1.2 ± 0.0", "3.0"]
     assert find_all == ["50.0 ± 0.0", "18.8 ± 9.1", "46.8 ± 0.4", "3.0 ± 0.0"]
-    assert len(rows(text, "8 choosing (*in sample*)", NAME, "paper")) == 2, "paper cannot find all objects"
+    assert len(rows(text, "8 choosing (*in sample*)", NAME, "paper")) == 3, "paper cannot find all objects"
     assert rows(text, "8 choosing (*in sample*)", NAME)[-1] == ["25.0 ± 0.0", "3.0 ± 0.0"]
     assert rows(text, "room_3") == [
         [
@@ -60,6 +62,9 @@ def test_means_and_standard_errors_are_over_rooms(tmp_path: Path) -> None:
             "82.0",
             "72.0",
             "0.0",
+            "50.0",
+            "0.0",
+            "46.0",
             "66.7",
             "33.3",
             "50.0",
@@ -151,6 +156,17 @@ def test_a_room_without_absent_things_or_ceiling_has_no_such_figures() -> None:
     figures = figures_of(result, "paper")
     assert figures is not None and figures.ceiling is None and figures.refused is None
     assert figures.minutes is None, "nobody noted how long rendering took"
+
+
+def test_a_draw_that_measured_no_clicks_has_no_row_of_them(tmp_path: Path) -> None:
+    store_all(tmp_path, FIRST, DRAWS[0].test_rooms)
+    head = {"seed": 1, "commit": SECOND, "pictures": "same"}
+    for room in DRAWS[1].test_rooms:
+        result = {**head, "room": room.name, **measured()}
+        del result["click"]
+        write_result(tmp_path, result)
+    clicks = rooms_section(tmp_path, DRAWS).split("**By click**")[1].split("**By word**")[0]
+    assert NAME in clicks and "one solve" not in clicks
 
 
 def test_document_gets_both_sections_once_and_keeps_the_others(tmp_path: Path) -> None:
