@@ -82,9 +82,10 @@ class JobState:
     outputs: dict[str, Any] = field(default_factory=dict)
 
     def progress_line(self) -> str:
-        """Return the stage, its progress and the time left, as a line of text."""
+        """Return the stage, its progress, the time left and the last message, as a line of text."""
         left = "" if self.seconds_left is None else f", {format_seconds(self.seconds_left)} left"
-        return f"{self.stage} {self.fraction:.0%}{left}"
+        said = f": {self.message}" if self.message else ""
+        return f"{self.stage} {self.fraction:.0%}{left}{said}"
 
     def update(self, event: events.Event) -> None:
         """Update the state with `event`."""

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from engine.core.events import Event, Progress
 from engine.core.system import Machine
-from engine.pipeline.planning.benchmark import measure_speed
+from engine.pipeline.planning.benchmark import calibrate, measure_speed
 from engine.pipeline.planning.calibration import REFERENCE, Benchmark, Calibration, Correction, load_calibration
 from engine.pipeline.planning.decisions import training_settings
 from engine.pipeline.planning.forecast import forecast_work
@@ -196,3 +197,25 @@ def test_benchmark_measures_plausible_values() -> None:
     assert 0 < measured.features < 100
     assert measured.sam_encode is None or 0 < measured.sam_encode < 100
     assert measured.libraries is None or 100e6 < measured.libraries < 10e9
+
+
+def test_first_measurement_says_that_it_takes_longer_because_kernels_are_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernels = tmp_path / "rasterizer-one"
+    monkeypatch.setattr("engine.rasterizer.cache_folder", lambda: kernels)
+    monkeypatch.setattr("engine.pipeline.planning.benchmark.measure_speed", Speed())
+    said: list[float | None] = []
+
+    def note(event: Event) -> None:
+        if isinstance(event, Progress) and event.fraction == 0.0:
+            said.append(event.seconds_left)
+
+    for name in ("first", "again"):
+        monkeypatch.setenv("GAUSSIAN_HERITAGE_CALIBRATION", str(tmp_path / f"{name}.json"))
+        calibrate(MACHINE, emit=note)
+        kernel = kernels / "forward_0123" / "forward.py311.1.nbc"
+        kernel.parent.mkdir(parents=True, exist_ok=True)
+        kernel.touch()
+    first, again = said
+    assert first is not None and again is not None and first > 2 * again > 0

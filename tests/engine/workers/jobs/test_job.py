@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from engine.core import engine_process, errors
+from engine.core.events import Progress, StageStarted
 from engine.core.system import start_time
 from engine.workers.jobs import job as jobs
 from tests.conftest import ROOT, wait_until
@@ -279,6 +280,14 @@ def test_damaged_events_are_skipped(line: bytes, tmp_path: Path) -> None:
     state = job_with_events(line + b"\n" + FINISHED, tmp_path).wait(interval=0.0)
     assert state.finished and state.message == "done" and state.error == ""
     assert state.progress_line() and state.warnings == [] and state.preview == ""
+
+
+def test_line_of_progress_says_what_the_engine_does() -> None:
+    state = jobs.JobState()
+    state.update(Progress("planning", 0.0, 10.0, "measuring this machine's speed, once"))
+    assert state.progress_line() == "planning 0%, 10 s left: measuring this machine's speed, once"
+    state.update(StageStarted("cameras"))
+    assert state.progress_line() == "cameras 0%"
 
 
 def test_poll_reads_a_bounded_part_of_the_events(tmp_path: Path) -> None:
