@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from distributed import Client
 
 from benchmarks.batch.runs import Cluster, batch_command, read_summary
 from engine.core.events import Event, Warned, ignore_events, never_stop
@@ -160,6 +161,9 @@ def test_two_batches_on_the_same_folders(cluster: Cluster, make_folders: MakeFol
 @pytest.mark.faults
 def test_stage_that_no_worker_can_do_is_said(cluster: Cluster, make_folders: MakeFolders, tmp_path: Path) -> None:
     cluster.start_worker(nanny=False)
+    # On a busy computer it starts for longer than the batch waits, which then says that there is no worker.
+    with Client(cluster.address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=PATIENCE)
     (folder,) = make_folders(1)
     result = run(cluster, [folder], tmp_path / "scenes", photos_memory=100_000_000_000, worker_wait=1.0)
     assert "'photos' needs 100.0 GB of memory, and the largest worker has 6.0 GB" in result.folders[0].error
