@@ -142,7 +142,7 @@ stability: ## float32 against float64 in stiff and extreme cases; writes docs/st
 	$(ENGINE) -m engine stability --out docs/stability.md
 
 bench-training: setup ## presets on all photo sets beside gsplat, into docs/error_vs_time.md; resumable; 45 CPU minutes
-	$(ENGINE) -m benchmarks.training presets --sets $(TRAINING_SETS) --doc docs/error_vs_time.md \
+	$(ENGINE) -m benchmarks.training --sets $(TRAINING_SETS) --doc docs/error_vs_time.md \
 		--picture docs/error_vs_time_processor.png
 
 bench-off-path: setup ## presets in views that no photo has, of choosing rooms, into docs/training.md; resumable; 40 CPU minutes

@@ -25,7 +25,6 @@ from torch.nn import functional
 
 from benchmarks.gpu import HEIGHT, WIDTH, camera, has_cuda, scene
 from benchmarks.gpu_step import CASES, ROUNDS, SETTINGS, STEPS, segments
-from benchmarks.training.screening.gsplat_raster import ssim
 from engine.core.files import write_json
 from engine.formats import SH_C0
 from engine.training.losses.neighbours import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, N_NEIGHBOURS
@@ -36,6 +35,10 @@ FAR = 1.0
 """Distance beyond which features are pushed apart, as in `benchmarks.gpu_step`."""
 RATES = {"means": 1.6e-4, "quats": 1e-3, "scales": 5e-3, "opacities": 5e-2, "sh_dc": 2.5e-3, "sh_rest": 1.25e-4}
 """gsplat's rates; they are multiplied by 1e-5, so that the work stays the same while it is timed."""
+
+_WINDOW, _SIGMA = 11, 1.5
+_C1, _C2 = 0.01**2, 0.03**2
+"""Window and constants of SSIM (Wang et al. 2004)."""
 
 Ssim = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 
@@ -52,21 +55,33 @@ def fused_ssim(folder: Path) -> Ssim:
         )
     flags = ["-O3", "--use_fast_math", "--maxrregcount=32"]
     module = load("fused_ssim_only", [str(folder / "ssim.cu"), str(binding)], extra_cuda_cflags=flags)
-    c1, c2 = 0.01**2, 0.03**2
 
     class Map(torch.autograd.Function):
         @staticmethod
         def forward(context: Any, image: torch.Tensor, photo: torch.Tensor) -> torch.Tensor:
-            values, *derivatives = module.fusedssim(c1, c2, image, photo, True)
+            values, *derivatives = module.fusedssim(_C1, _C2, image, photo, True)
             context.save_for_backward(image.detach(), photo, *derivatives)
             return values  # type: ignore[no-any-return]
 
         @staticmethod
         def backward(context: Any, *gradients: torch.Tensor) -> Any:
             image, photo, *derivatives = context.saved_tensors
-            return module.fusedssim_backward(c1, c2, image, photo, gradients[0].contiguous(), *derivatives), None
+            return module.fusedssim_backward(_C1, _C2, image, photo, gradients[0].contiguous(), *derivatives), None
 
     return lambda image, photo: Map.apply(image.contiguous(), photo).mean()  # type: ignore[no-untyped-call]
+
+
+def ssim(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    """Return the mean SSIM of two pictures [1, 3, H, W] on the same device."""
+    offsets = torch.arange(_WINDOW, device=x.device) - _WINDOW // 2
+    weights = torch.exp(-(offsets**2) / (2 * _SIGMA**2))
+    window = torch.outer(weights, weights) / weights.sum() ** 2
+    maps = torch.cat([x, y, x * x, y * y, x * y], dim=1)
+    blurred = functional.conv2d(maps, window.repeat(15, 1, 1, 1), padding=_WINDOW // 2, groups=15)
+    mean_x, mean_y, xx, yy, xy = blurred.split(3, dim=1)
+    covariance, variances = xy - mean_x * mean_y, xx + yy - mean_x**2 - mean_y**2
+    similar = (2 * mean_x * mean_y + _C1) * (2 * covariance + _C2)
+    return (similar / ((mean_x**2 + mean_y**2 + _C1) * (variances + _C2))).mean()
 
 
 class GsplatStep:

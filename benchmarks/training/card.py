@@ -58,6 +58,7 @@ from ..documents import put_into
 from ..rooms.keeping import KEPT_FOLDER, unpack_room
 from .error_curves import ERROR_AND_SECONDS, SETS_AND_RUNS, error_plot, error_table, sets_table
 from .gallery import gallery_views
+from .gsplat_training import GSPLAT, measured_figures, train_gsplat
 from .off_path import (
     OFF_PATH,
     OFF_PATH_ON_PROCESSOR,
@@ -69,9 +70,7 @@ from .off_path import (
     write_true_views,
 )
 from .photo_sets import ROOT, photo_set
-from .screening.gsplat_training import train_gsplat
-from .screening.jobs import GSPLAT, measured_figures
-from .screening.views_file import read_views, write_views
+from .views_file import read_views, write_views
 
 _MAX_NAME = 160
 _UNBOUNDED = 1 << 62

@@ -9,8 +9,8 @@ from typing import Any
 
 from engine.training.settings import PRESETS
 
+from .gsplat_training import GSPLAT
 from .presets_plot import label_axes
-from .screening.jobs import GSPLAT
 
 ERROR_AND_SECONDS = "error and seconds"
 """Name of the table in a document."""

@@ -22,7 +22,7 @@ from engine.training.settings import FeatureSettings
 from engine.training.trials import brightness_factors
 from engine.training.views import ViewPyramid
 
-from .screening.views_file import read_views, write_views
+from .views_file import read_views, write_views
 
 OFF_PATH, OFF_PATH_ON_PROCESSOR = "off the path", "off the path on the processor"
 """Names of the tables in a document, of trainings on a card and on the processor."""

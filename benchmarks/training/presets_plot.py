@@ -16,14 +16,14 @@ def presets_plot(results: Results) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    sets = list(dict.fromkeys(name for name, _, _ in results))
-    colors = {preset: f"C{i}" for i, preset in enumerate(dict.fromkeys(preset for _, preset, _ in results))}
+    sets = list(dict.fromkeys(name for name, _ in results))
+    colors = {preset: f"C{i}" for i, preset in enumerate(dict.fromkeys(preset for _, preset in results))}
     rows = -(-len(sets) // _COLUMNS)
     figure = Figure(figsize=(4.0 * _COLUMNS, 2.9 * rows), layout="constrained")
     FigureCanvasAgg(figure)
     parts = figure.subplots(rows, _COLUMNS, squeeze=False).flat
     for name, axes in zip(sets, parts, strict=False):
-        for (one, preset, _), found in results.items():
+        for (one, preset), found in results.items():
             if one != name:
                 continue
             points = [(point["cpu_seconds"], point["psnr"]) for point in found[0].curve]

@@ -2,7 +2,8 @@
 
 gsplat trained on the same undistorted photos and sparse points with its own rates and the strategy of Kheradmand et al.
 2024 (MCMC); 40,000 Gaussians (random rooms: 15,000), pictures of 640 pixels, 3,000 steps, on an H100: means of seeds 0
-to 2 at the end of the run, by `python -m benchmarks.training.screening train FOLDER --variants gsplat --seeds 0,1,2`.
+to 2 at the end of the run, by `python -m benchmarks.training.card train FOLDER --backend gsplat --runs 3000:40000
+--seeds 0,1,2` (random rooms: ``3000:15000``).
 `GSPLAT_FITTED` is with the brightness of each picture fitted to its photo.
 """
 

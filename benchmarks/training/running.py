@@ -1,4 +1,4 @@
-"""One training of a variant on a photo set, measured; finished ones are kept for as long as the engine is unchanged."""
+"""One training of a preset on a photo set, measured; finished ones are kept for as long as the engine is unchanged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from engine.training import load_gaussians, measure_quality
 from engine.training.settings import PRESETS
 
 from .photo_sets import ROOT, PhotoSetFolder
-from .variants import Variant
 
 MEASURED_SIDE = PRESETS["standard"].schedule.max_side
 """Longest side of the pictures that every training is measured on, pixels."""
@@ -55,7 +54,7 @@ class Measured:
 
 
 class TrainingBench:
-    """Trains and measures variants.
+    """Trains and measures presets.
 
     Parameters
     ----------
@@ -68,7 +67,7 @@ class TrainingBench:
         self._runs = out / engine_state()
         self._prepared: dict[str, PreparedScene] = {}
 
-    def measured(self, photos: PhotoSetFolder, preset: str, variant: Variant, seed: int) -> Measured:
+    def measured(self, photos: PhotoSetFolder, preset: str, seed: int) -> Measured:
         """Return the figures of a training; one that was measured before is not repeated.
 
         Raises
@@ -76,15 +75,15 @@ class TrainingBench:
         HeritageError
             As the stages of the pipeline.
         """
-        stored = self.stored(photos, preset, variant, seed)
+        stored = self.stored(photos, preset, seed)
         if stored is not None:
             return stored
-        folder = self.folder(photos, preset, variant, seed)
-        measured = self._measure(photos, preset, variant, seed, folder)
+        folder = self.folder(photos, preset, seed)
+        measured = self._measure(photos, preset, seed, folder)
         write_json(folder / _FIGURES, {"figures": asdict(measured)})
         return measured
 
-    def stored(self, photos: PhotoSetFolder, preset: str, variant: Variant, seed: int) -> Measured | None:
+    def stored(self, photos: PhotoSetFolder, preset: str, seed: int) -> Measured | None:
         """Return the figures of a training that was measured before, else None.
 
         Raises
@@ -92,7 +91,7 @@ class TrainingBench:
         FormatError
             When their file is damaged.
         """
-        file = self.folder(photos, preset, variant, seed) / _FIGURES
+        file = self.folder(photos, preset, seed) / _FIGURES
         if not file.exists():
             return None
         return Measured(**read_json(file, _SCHEMA, advice="Delete it, then run again.")["figures"])
@@ -115,16 +114,24 @@ class TrainingBench:
         HeritageError
             As the stages of the pipeline.
         """
-        return self._prepare(photos, Variant("as-planned"))
+        if photos.project is not None:
+            return self._with_cameras(photos)
+        if photos.name not in self._prepared:
+            prepared, scene = self._with_cameras(photos), self._scene(photos)
+            work = self._plan(photos, prepared, PlanSettings())
+            self._prepared[photos.name], _ = prepare_masks(
+                prepared, scene, work, PipelineSettings(), emit=ignore_events, should_stop=never_stop
+            )
+        return self._prepared[photos.name]
 
-    def folder(self, photos: PhotoSetFolder, preset: str, variant: Variant, seed: int) -> Path:
+    def folder(self, photos: PhotoSetFolder, preset: str, seed: int) -> Path:
         """Return the project folder of a training."""
-        return self._runs / photos.name / f"{preset}-{variant.name}-{seed}"
+        return self._runs / photos.name / f"{preset}-{seed}"
 
-    def _measure(self, photos: PhotoSetFolder, preset: str, variant: Variant, seed: int, folder: Path) -> Measured:
-        prepared = self._prepare(photos, variant)
-        work = self._plan(photos, prepared, PlanSettings(preset=preset, wants_objects=variant.features))
-        training = training_settings(work).changed(seed=seed, **variant.changes)
+    def _measure(self, photos: PhotoSetFolder, preset: str, seed: int, folder: Path) -> Measured:
+        prepared = self.prepared(photos)
+        work = self._plan(photos, prepared, PlanSettings(preset=preset))
+        training = training_settings(work).changed(seed=seed)
         project = train_prepared(prepared, folder, work, training, emit=ignore_events, should_stop=never_stop)
         figures: dict[str, Any] = (project.stage_record("training") or {})["figures"]
         held_out = plan_scene(work, prepared.camera_set).held_out
@@ -145,18 +152,6 @@ class TrainingBench:
             prepared.photo_set, prepared.statistics, settings, cameras=CameraSettings(), poses_given=given,
             points_given=given,
         )  # fmt: skip
-
-    def _prepare(self, photos: PhotoSetFolder, variant: Variant) -> PreparedScene:
-        """Return photos, cameras and, for features, masks of a set, made at the first call."""
-        if not variant.features or photos.project is not None:
-            return self._with_cameras(photos)
-        if photos.name not in self._prepared:
-            prepared, scene = self._with_cameras(photos), self._scene(photos)
-            work = self._plan(photos, prepared, PlanSettings())
-            self._prepared[photos.name], _ = prepare_masks(
-                prepared, scene, work, PipelineSettings(), emit=ignore_events, should_stop=never_stop
-            )
-        return self._prepared[photos.name]
 
     def _with_cameras(self, photos: PhotoSetFolder) -> PreparedScene:
         """Return photos and cameras of a set, and the masks of a kept room."""

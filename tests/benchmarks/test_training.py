@@ -1,4 +1,4 @@
-"""The tables and the picture of training: means over seeds, gsplat beside, changes against the first variant."""
+"""The table and the picture of training: means over seeds, gsplat beside."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ import pytest
 
 from benchmarks.training.photo_sets import NAMES, photo_set
 from benchmarks.training.running import Measured, TrainingBench
-from benchmarks.training.table import presets_table, variants_table
-from benchmarks.training.variants import VARIANTS
+from benchmarks.training.table import presets_table
 from engine.core.errors import SettingsError
 from engine.core.files import write_json
-from engine.training.settings import PRESETS
 from tests.conftest import ROOT
 
 CURVE = [{"cpu_seconds": seconds, "psnr": psnr} for seconds, psnr in ((10.0, 18.0), (100.0, 20.0))]
@@ -28,24 +26,12 @@ FIGURES = Measured(
 def test_each_preset_has_its_means_beside_what_gsplat_reaches_on_the_set() -> None:
     text = presets_table(
         {
-            ("banana16", "standard", "as-planned"): [FIGURES, replace(FIGURES, psnr=21.0)],
-            ("room_1", "preview", "as-planned"): [FIGURES],
+            ("banana16", "standard"): [FIGURES, replace(FIGURES, psnr=21.0)],
+            ("room_1", "preview"): [FIGURES],
         }
     )
     assert "| banana16 | `standard` | 3,000 | 40,000 | 20.50 | 21.00 | 0.500 | 60 | 100 | 26.31 | 26.45 |" in text
     assert "| room_1 | `preview` | 3,000 | 40,000 | 20.00 | 21.00 | 0.500 | 60 | 100 |  |  |" in text
-
-
-def test_variants_tell_mean_changes_over_the_sets_that_both_have() -> None:
-    text = variants_table(
-        {
-            ("banana16", "standard", "as-planned"): [FIGURES, replace(FIGURES, psnr=21.0)],
-            ("banana16", "standard", "detached"): [replace(FIGURES, psnr=22.0)],
-            ("skull66", "standard", "as-planned"): [FIGURES],
-        }
-    )
-    assert "| as-planned | 20.50 (21.00) | 20.00 (21.00) |  |" in text
-    assert "| detached | 22.00 (21.00) |  | +1.50 (+0.00) |" in text
 
 
 def test_sets_that_are_not_there_are_refused_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,13 +47,13 @@ def test_what_is_measured_so_far_makes_a_table_and_a_picture(tmp_path: Path) -> 
     bench, document, picture = TrainingBench(tmp_path), tmp_path / "table.md", tmp_path / "picture.png"
     measured = (("museum_room", "preview", 19.0), ("museum_room", "standard", 20.0), ("store_room", "preview", 18.0))
     for name, preset, psnr in measured:
-        folder = bench.folder(photo_set(name), preset, VARIANTS["as-planned"], 0)
+        folder = bench.folder(photo_set(name), preset, 0)
         write_json(folder / "measured.json", {"figures": asdict(replace(FIGURES, psnr=psnr))})
     document.write_text(
         "<!-- presets on the processor -->\n<!-- end of presets on the processor -->\n", encoding="utf-8"
     )
     # Without --measured-only, `standard` would be trained on the store room.
-    command = [sys.executable, "-m", "benchmarks.training", "presets", "--sets", "museum_room,store_room"]
+    command = [sys.executable, "-m", "benchmarks.training", "--sets", "museum_room,store_room"]
     command += ["--measured-only", "--out", str(tmp_path), "--doc", str(document), "--picture", str(picture)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -75,8 +61,3 @@ def test_what_is_measured_so_far_makes_a_table_and_a_picture(tmp_path: Path) -> 
     begun = [f"| {name} | `{preset}` | 3,000 | 40,000 | {psnr:.2f} |" for name, preset, psnr in measured]
     assert len(rows) == len(begun) and all(row.startswith(one) for row, one in zip(rows, begun, strict=True))
     assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize("name", sorted(VARIANTS))
-def test_every_variant_is_a_change_that_the_settings_know(name: str) -> None:
-    PRESETS["standard"].changed(**VARIANTS[name].changes)

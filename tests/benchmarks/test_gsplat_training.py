@@ -1,10 +1,7 @@
-"""Screening of variants on a GPU: the file of views, the table, refused names, and gsplat's pictures against ours."""
+"""The file of the views of a set, and training as gsplat does it."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,20 +11,13 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.training.screening import gsplat_raster, gsplat_training
-from benchmarks.training.screening.__main__ import main, overview
-from benchmarks.training.screening.gsplat_training import train_gsplat
-from benchmarks.training.screening.views_file import read_views, write_views
+from benchmarks.training import gsplat_training
+from benchmarks.training.gsplat_training import train_gsplat
+from benchmarks.training.views_file import read_views, write_views
 from engine.core.errors import FormatError
-from engine.core.events import ignore_events, never_stop
-from engine.core.files import write_json
-from engine.formats import SH_C0
 from engine.rasterizer import rasterize
 from engine.scene import CameraSet, Gaussians, PinholeCamera
-from engine.training import start_gaussians, train
-from engine.training.settings import PRESETS
 from engine.training.views import TrainingView
-from tests.conftest import PATIENCE, ROOT
 
 
 def views_of_a_set() -> tuple[CameraSet, list[TrainingView]]:
@@ -69,35 +59,6 @@ def test_a_damaged_file_of_views_is_one_sentence(tmp_path: Path) -> None:
         read_views(file)
 
 
-def test_table_has_the_means_over_seeds(tmp_path: Path) -> None:
-    for seed, psnr in ((0, 20.0), (1, 21.0)):
-        figures = {"psnr": psnr, "fitted_psnr": psnr + 1, "ssim": 0.5, "dark_share": 0.01}
-        write_json(tmp_path / f"banana16-growth-by-opacity-{seed}.json", figures)
-    figures = {"psnr": 24.0, "fitted_psnr": 24.5, "ssim": 0.8, "dark_share": 0.1}
-    write_json(tmp_path / "skull66-no-features-0.json", figures)
-    write_json(tmp_path / "skull66-gsplat-0.json", figures)
-    assert overview(tmp_path).splitlines() == [
-        "| PSNR dB (fitted) | banana16 | skull66 |", "| --- | ---: | ---: |", "| no-features |  | 24.00 (24.50) |",
-        "| growth-by-opacity | 20.50 (21.50) |  |", "| gsplat |  | 24.00 (24.50) |",
-    ]  # fmt: skip
-
-
-def test_unknown_variants_and_empty_folders_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match="no variant 'magic', only as-planned"):
-        main(["train", str(tmp_path), "--variants", "magic"])
-    with pytest.raises(SystemExit, match="has no views"):
-        main(["train", str(tmp_path), "--variants", "no-features"])
-
-
-def test_a_machine_without_gpu_is_told_so_in_one_sentence_by_the_processes_that_train(tmp_path: Path) -> None:
-    write_views(tmp_path / "set.npz", *views_of_a_set())
-    command = [sys.executable, "-m", "benchmarks.training.screening", "train", str(tmp_path), "--variants", "gsplat"]
-    environment = {**os.environ, "CUDA_VISIBLE_DEVICES": ""}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=environment, cwd=ROOT)
-    assert done.returncode == 1
-    assert done.stderr.strip() == "Screening needs an NVIDIA GPU and gsplat 1.5. Run it where both are."
-
-
 @pytest.fixture
 def n_pictures(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """A gsplat that calls our rasterizer, and the CPU for the GPU; the pictures are counted."""
@@ -112,9 +73,6 @@ def n_pictures(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         raster = rasterize(means, quats, scales, opacities, camera=camera, backend="reference", **colors)
         return raster.image[None], 1.0 - raster.transmittance[None, ..., None], {}
 
-    def spherical_harmonics(degree, directions, coefficients):
-        return coefficients[:, 0] * SH_C0
-
     class Strategy:
         """No Gaussian is moved or added."""
 
@@ -127,7 +85,7 @@ def n_pictures(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
         def step_post_backward(self, *arguments: object, **options: object) -> None: ...
 
-    fake = SimpleNamespace(rasterization=rasterization, spherical_harmonics=spherical_harmonics)
+    fake = SimpleNamespace(rasterization=rasterization)
 
     def fused_ssim(first, second, *, padding):
         assert first.shape == second.shape == (1, 3, 24, 32) and padding == "valid"
@@ -136,24 +94,8 @@ def n_pictures(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     monkeypatch.setitem(sys.modules, "gsplat", fake)
     monkeypatch.setitem(sys.modules, "fused_ssim", SimpleNamespace(fused_ssim=fused_ssim))
     monkeypatch.setitem(sys.modules, "gsplat.strategy", SimpleNamespace(MCMCStrategy=Strategy))
-    monkeypatch.setattr(gsplat_raster, "DEVICE", "cpu")
     monkeypatch.setattr(gsplat_training, "DEVICE", "cpu")
     return counted
-
-
-def test_training_uses_the_other_rasterizer_and_loss(tmp_path: Path, n_pictures: list[int]) -> None:
-    cameras, views = views_of_a_set()
-    settings = PRESETS["test"].changed(steps=12, train_features=False, max_gaussians=60, held_out_every=3)
-    start = start_gaussians(cameras, views, settings, emit=ignore_events)
-    results = []
-    for block in (gsplat_raster.gsplat_in_training(), contextlib.nullcontext()):
-        with block:
-            results.append(
-                train(start, views, settings, checkpoints=tmp_path / f"{n_pictures[0]}", emit=ignore_events,
-                      should_stop=never_stop)
-            )  # fmt: skip
-    assert n_pictures[0] > 12
-    assert results[0].figures["psnr"] == pytest.approx(results[1].figures["psnr"], abs=0.05)
 
 
 def test_gsplats_own_training_fits_the_training_photos(n_pictures: list[int]) -> None:
@@ -169,20 +111,3 @@ def test_gsplats_own_training_fits_the_training_photos(n_pictures: list[int]) ->
     assert n_pictures[0] == 81 and many.sh.shape == (20, 16, 3)
     assert np.allclose(np.linalg.norm(many.quats, axis=1), 1.0, atol=1e-5)
     assert error(many) < 0.9 * error(few)
-
-
-@pytest.mark.gpu
-def test_gsplat_gives_the_picture_of_our_rasterizer() -> None:
-    generator = torch.Generator().manual_seed(0)
-    n = 200
-    means = torch.randn(n, 3, generator=generator) * 0.5
-    quats = torch.nn.functional.normalize(torch.randn(n, 4, generator=generator), dim=1)
-    scales = torch.rand(n, 3, generator=generator) * 0.1 + 0.02
-    opacities = torch.rand(n, generator=generator) * 0.8 + 0.1
-    sh = torch.randn(n, 4, 3, generator=generator) * 0.3
-    camera = views_of_a_set()[1][0].pinhole
-    ours = rasterize(means, quats, scales, opacities, camera=camera, sh=sh)
-    with gsplat_raster.gsplat_in_training():
-        theirs = rasterize(means, quats, scales, opacities, camera=camera, sh=sh)
-    assert float((ours.image - theirs.image).abs().max()) < 0.02
-    assert float((ours.transmittance - theirs.transmittance).abs().max()) < 0.02

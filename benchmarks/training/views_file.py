@@ -26,7 +26,7 @@ _ARRAYS = {
 }
 _OPTIONAL = {"labels.*": ArraySpec("uint16", (-1, -1)), "valid.*": ArraySpec("bool", (-1, -1))}
 """Segments and masks of the views that have any, by their number."""
-_ADVICE = "Make it again with `python -m benchmarks.training.screening prepare`."
+_ADVICE = "Make it again with `python -m benchmarks.training.card prepare`."
 
 
 def write_views(file: Path, cameras: CameraSet, views: list[TrainingView]) -> None:

@@ -12,10 +12,15 @@ from scipy.spatial import cKDTree
 from engine.core.errors import EnvironmentProblem
 from engine.formats import SH_C0
 from engine.scene import CameraSet, Gaussians
-from engine.training.settings import LAMBDA_DSSIM
-from engine.training.views import TrainingView, scene_extent
+from engine.training import Coverage, Parameters
+from engine.training.quality import measure_levels
+from engine.training.settings import LAMBDA_DSSIM, TrainingSettings
+from engine.training.views import TrainingView, ViewPyramid, scene_extent
 
-from .gsplat_raster import DEVICE, GpuTarget
+DEVICE = "cuda"
+
+GSPLAT = "gsplat"
+"""Name of its trainings in results and tables."""
 
 _SH_DEGREE = 3
 _OF_30_000 = {"refine_start_iter": 500, "refine_stop_iter": 25_000, "refine_every": 100, "sh_interval": 1000}
@@ -57,7 +62,7 @@ def train_gsplat(
 
     torch.manual_seed(seed)
     training = [view for view in views if not view.held_out]
-    targets = [GpuTarget(view.pixels) for view in training]
+    photos = [torch.from_numpy(np.array(view.pixels)).to(DEVICE).float() / 255.0 for view in training]
     viewmats, intrinsics = (
         torch.tensor(np.stack(matrices), dtype=torch.float32, device=DEVICE)
         for matrices in ([view.pinhole.viewmat for view in training], [view.pinhole.K for view in training])
@@ -91,7 +96,7 @@ def train_gsplat(
             viewmats[view : view + 1], intrinsics[view : view + 1], camera.width, camera.height,
             sh_degree=min(step // max(1, scaled["sh_interval"]), _SH_DEGREE), packed=False,
         )  # fmt: skip
-        colors = targets[view].colors
+        colors = photos[view]
         similarity = fused_ssim(image.permute(0, 3, 1, 2), colors.permute(2, 0, 1)[None].contiguous(), padding="valid")
         loss = (1.0 - LAMBDA_DSSIM) * (image[0] - colors).abs().mean() + LAMBDA_DSSIM * (1.0 - similarity)
         loss = loss + _LAMBDA_OPACITY * opacities.mean() + _LAMBDA_SCALE * scales.mean()
@@ -105,6 +110,21 @@ def train_gsplat(
     lengths = np.linalg.norm(found["quats"], axis=1, keepdims=True)
     sh = np.concatenate([found["sh0"], found["shN"]], axis=1)
     return Gaussians(found["means"], found["scales"], found["quats"] / lengths, found["opacities"], sh)
+
+
+def measured_figures(
+    gaussians: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings
+) -> dict[str, float]:
+    """Return PSNR, fitted PSNR, SSIM and the share of dark pixels on the held-out views, by our rasterizer."""
+    values = Parameters.from_gaussians(gaussians, sh_degree=gaussians.sh_degree, features=False).values
+    coverage = Coverage(values, [view.pinhole for view in views if not view.held_out])
+    pyramid = ViewPyramid([view for view in views if view.held_out], settings.features)
+    levels = [pyramid.level(index, 0) for index in range(len(pyramid.views))]
+    measured = measure_levels(values, levels, coverage, backend=settings.backend, sh_degree=gaussians.sh_degree)
+    return {
+        "psnr": measured.quality.psnr, "fitted_psnr": measured.fitted.psnr, "ssim": measured.quality.ssim,
+        "dark_share": measured.dark_share,
+    }  # fmt: skip
 
 
 def _start(cameras: CameraSet) -> dict[str, torch.nn.Parameter]:
