@@ -14,9 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from engine.core.events import ignore_events, never_stop
-from engine.masks import load_default_sam
-from engine.objects.grounding import load_default_detector
+from engine.core.events import never_stop
 from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
 from engine.quality.evaluation import evaluate_project, read_ground_truth
@@ -30,9 +28,8 @@ from engine.training import load_gaussians
 from .documents import print_table
 from .real_sets import SETS, measured
 from .rooms.draws import CHOOSING_ROOMS
-from .rooms.keeping import KEPT_FOLDER, unpack_room
+from .rooms.keeping import unpack_kept
 
-ROOT = Path(__file__).resolve().parents[1]
 _PART = "causes"
 _ROOMS, _REAL = "choosing rooms", "real sets"
 _CAUSES = {
@@ -55,14 +52,10 @@ def in_rooms() -> Iterator[Outcome]:
     """Yield the objects of the kept choosing rooms."""
     for room in CHOOSING_ROOMS:
         with tempfile.TemporaryDirectory() as folder:
-            project = unpack_room(ROOT / KEPT_FOLDER / f"{room.name}.tar.xz", Path(folder) / room.name)
+            project = unpack_kept(room.name, Path(folder) / room.name)
             truth_folder = Path(folder) / room.name / "truth"
-            evaluation = evaluate_project(
-                ProjectFolder.open_existing(project), truth_folder,
-                EvaluationSettings(presets=("better",), prompt_kind="mask"),
-                detector_factory=load_default_detector, sam_factory=load_default_sam,
-                emit=ignore_events, should_stop=never_stop,
-            )  # fmt: skip
+            by_mask = EvaluationSettings(presets=("better",), prompt_kind="mask")
+            evaluation = evaluate_project(ProjectFolder.open_existing(project), truth_folder, by_mask)
             cameras = read_camera_set(project / "cameras")
             truth = read_ground_truth(truth_folder, list(cameras.by_photo))
             scene = Scene(load_gaussians(project / "gaussians"))

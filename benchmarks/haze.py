@@ -43,7 +43,7 @@ from engine.scene import Gaussians, PinholeCamera
 from .detail import share_of_needles
 from .rooms.drawn import drawn_from
 from .rooms.draws import CHOOSING_ROOMS
-from .rooms.keeping import KEPT_FOLDER, unpack_room
+from .rooms.keeping import unpack_kept
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -245,7 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rooms: dict[str, list[tuple[Figures, Figures]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         for room in _ROOMS:
-            unpack_room(ROOT / KEPT_FOLDER / f"{room.name}.tar.xz", Path(folder) / room.name)
+            unpack_kept(room.name, Path(folder) / room.name)
             rooms[room.name] = list(measured(Path(folder) / room.name, options.device))
     text = table(rooms)
     sys.stdout.write(f"{text}\n")

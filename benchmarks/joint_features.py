@@ -22,8 +22,6 @@ from pathlib import Path
 from engine.cameras.settings import CameraSettings
 from engine.core.events import ignore_events, never_stop
 from engine.core.files import write_file
-from engine.masks import load_default_sam
-from engine.objects.grounding import load_default_detector
 from engine.pipeline.planning import PlanSettings, WorkPlan, plan_work
 from engine.pipeline.reconstruct import PipelineSettings
 from engine.project.folder import ProjectFolder
@@ -122,10 +120,7 @@ class Bench:
     def train_and_evaluate(self, features: str, name: str, training: TrainingSettings) -> TrainingResult:
         """Train, and isolate every object by its true mask."""
         project = self.trained(name, training)
-        rows = evaluate_project(
-            project, self.scene / "truth", EvaluationSettings(), detector_factory=load_default_detector,
-            sam_factory=load_default_sam, emit=ignore_events, should_stop=never_stop,
-        ).rows  # fmt: skip
+        rows = evaluate_project(project, self.scene / "truth", EvaluationSettings()).rows
         scores = {
             method: tuple(
                 100 * mean_of([getattr(row, measure) for row in rows if row.method == method])

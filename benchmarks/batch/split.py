@@ -35,12 +35,12 @@ from engine.quality.evaluation import read_ground_truth
 from engine.scene import read_camera_set, read_photo_set, write_photo_set
 from engine.workers.batch.helpers import ClusterHelpers
 
-from ..rooms.keeping import unpack_room
+from ..rooms.keeping import unpack_kept
 from ..scale.sets import set_of
-from .runs import ROOT, Cluster
+from .runs import Cluster
 
 _PHOTOS, _PHOTOS_FILE = "building_60", "photos.json"
-_ROOM = ROOT / "demo" / "random_rooms" / "choosing" / "room_6.tar.xz"
+_ROOM = "room_6"
 _N_OBJECTS = 8
 _STEPS = 300
 """Steps of detail, a fifth of a user's: what does not grow with them weighs more."""
@@ -96,7 +96,7 @@ def _prepared(work: Path) -> tuple[Path, Path]:
     match_features(workspace, report=lambda done, message: None, should_stop=never_stop)
     room = work / "split" / "room"
     if not room.exists():
-        unpack_room(_ROOM, room)
+        unpack_kept(_ROOM, room)
     project = ProjectFolder.open_existing(room / "project")
     if len(list_objects(project.path)) < _N_OBJECTS:
         _store_objects(project, room)

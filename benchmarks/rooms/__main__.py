@@ -150,22 +150,11 @@ def _reconstruct(options: argparse.Namespace) -> None:
 
 
 def _measure(options: argparse.Namespace) -> None:
-    from engine.masks import load_default_sam
-    from engine.objects.grounding import load_default_detector
-
     from .measuring import measure_project
 
     output = EventOutput(json_lines=True, log=None)
     try:
-        measure_project(
-            options.project,
-            options.truth,
-            options.out,
-            detector_factory=load_default_detector,
-            sam_factory=load_default_sam,
-            emit=output,
-            should_stop=never_stop,
-        )
+        measure_project(options.project, options.truth, options.out, emit=output, should_stop=never_stop)
     finally:
         output.close()
 

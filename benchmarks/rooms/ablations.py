@@ -15,18 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.core.events import ignore_events, never_stop
-from engine.masks import load_default_sam
-from engine.objects.grounding import load_default_detector
 from engine.project.folder import ProjectFolder
 from engine.quality.evaluation import evaluate_project
 from engine.quality.evaluation.settings import EvaluationSettings
 
 from ..documents import put_into
 from .draws import CHOOSING_ROOMS
-from .keeping import KEPT_FOLDER, unpack_room
-
-ROOT = Path(__file__).resolve().parents[2]
+from .keeping import unpack_kept
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,12 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _measured(room: str, settings: EvaluationSettings) -> dict[str, float]:
     """Return the mean IoU of the objects of a room by method, in percent."""
     with tempfile.TemporaryDirectory() as folder:
-        project = unpack_room(ROOT / KEPT_FOLDER / f"{room}.tar.xz", Path(folder) / room)
-        rows = evaluate_project(
-            ProjectFolder.open_existing(project), Path(folder) / room / "truth", settings,
-            detector_factory=load_default_detector, sam_factory=load_default_sam,
-            emit=ignore_events, should_stop=never_stop,
-        ).rows  # fmt: skip
+        project = ProjectFolder.open_existing(unpack_kept(room, Path(folder) / room))
+        rows = evaluate_project(project, Path(folder) / room / "truth", settings).rows
     methods = dict.fromkeys(row.method for row in rows)
     return {method: 100 * float(np.mean([row.iou for row in rows if row.method == method])) for method in methods}
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from engine.core.errors import DiskError, FormatError, ProjectError
 from engine.core.files import TEMPORARY_PREFIX, atomic_write, delete_derived, is_inner_name, path_within, read_bytes
+from engine.core.system import CODE_ROOT
 from engine.masks import read_label_map
 from engine.project.folder import PROJECT_FILE, ProjectFolder
 from engine.scene import Gaussians, read_photo_set, write_photo_set
@@ -177,6 +178,11 @@ def unpack_room(archive: Path, out: Path) -> Path:
     finally:
         delete_derived(out.parent, new.name)
     return out / "project"
+
+
+def unpack_kept(name: str, out: Path) -> Path:
+    """Unpack the kept room of this repository that has this name, as `unpack_room` does."""
+    return unpack_room(CODE_ROOT / KEPT_FOLDER / f"{name}.tar.xz", out)
 
 
 def _decompressed(archive: Path) -> bytes:

@@ -12,7 +12,9 @@ from engine.core.errors import ProjectError
 from engine.core.events import Emit, StopCheck
 from engine.core.files import finite_or_null, read_json, write_json
 from engine.core.system import cpu_seconds, describe_machine
+from engine.masks import load_default_sam
 from engine.objects import DetectorFactory, SamFactory
+from engine.objects.grounding import load_default_detector
 from engine.project.folder import ProjectFolder, stage_key
 from engine.quality.evaluation import evaluate_project
 from engine.quality.evaluation.results import Evaluation, Row, Word
@@ -30,8 +32,8 @@ def measure_project(
     truth: Path,
     out: Path,
     *,
-    detector_factory: DetectorFactory,
-    sam_factory: SamFactory,
+    detector_factory: DetectorFactory = load_default_detector,
+    sam_factory: SamFactory = load_default_sam,
     emit: Emit,
     should_stop: StopCheck,
 ) -> None:
@@ -77,15 +79,11 @@ def measure_project(
     for kind in _KINDS:
 
         def evaluate(kind: PromptKind = kind) -> Evaluation:
+            settings = EvaluationSettings(presets=METHODS, prompt_kind=kind)
             return evaluate_project(
-                project,
-                truth,
-                EvaluationSettings(presets=METHODS, prompt_kind=kind),
-                detector_factory=detector_factory,
-                sam_factory=sam_factory,
-                emit=emit,
+                project, truth, settings, detector_factory=detector_factory, sam_factory=sam_factory, emit=emit,
                 should_stop=should_stop,
-            )
+            )  # fmt: skip
 
         part = _kept(out.with_name(f"{out.stem}-{kind}.json"), key, evaluate)
         data |= part["figures"]

@@ -20,7 +20,7 @@ from engine.objects import SegmentationContext, View, load_context
 from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
 
-from .keeping import KEPT_FOLDER, unpack_room
+from .keeping import unpack_kept
 
 ROOT = Path(__file__).resolve().parents[2]
 _WIDTH = 320
@@ -40,9 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder (default: docs)")
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        project = unpack_room(ROOT / KEPT_FOLDER / f"{options.room}.tar.xz", Path(folder) / options.room)
+        project = unpack_kept(options.room, Path(folder) / options.room)
         write_pictures(project, Path(folder) / options.room / "truth", options.object, options.out)
-        project = unpack_room(ROOT / KEPT_FOLDER / f"{_CARRIED}.tar.xz", Path(folder) / f"{_CARRIED}-carried")
+        project = unpack_kept(_CARRIED, Path(folder) / f"{_CARRIED}-carried")
         write_support_picture(project, options.out)
     return 0
 

@@ -37,7 +37,7 @@ from engine.rasterizer import choose_device
 
 from ..documents import put_into
 from .draws import CHOOSING_ROOMS
-from .keeping import KEPT_FOLDER, unpack_room
+from .keeping import unpack_kept
 
 ROOT = Path(__file__).resolve().parents[2]
 _TRAINED_AS: dict[str, tuple[str, ...]] = {"paper": ("paper", "released"), "standard": ("paper", "better")}
@@ -104,7 +104,7 @@ def _kept(room: str, folder: Path) -> tuple[Path, Path]:
     if room == _MUSEUM_ROOM:
         return ROOT / "out" / room / "project", ROOT / "demo" / room / "truth"
     if not (folder / "kept").exists():
-        unpack_room(ROOT / KEPT_FOLDER / f"{room}.tar.xz", folder / "kept")
+        unpack_kept(room, folder / "kept")
     return folder / "kept" / "project", folder / "kept" / "truth"
 
 
@@ -126,11 +126,8 @@ def _train(kept: Path, trained: Path, device: str, n_gaussians: int) -> dict[str
 
 
 def _evaluated(project: Path, truth: Path, presets: Sequence[str], kind: PromptKind) -> dict[str, dict[str, float]]:
-    evaluation = evaluate_project(
-        ProjectFolder.open_existing(project), truth, EvaluationSettings(presets=tuple(presets), prompt_kind=kind),
-        detector_factory=load_default_detector, sam_factory=load_default_sam,
-        emit=ignore_events, should_stop=never_stop,
-    )  # fmt: skip
+    settings = EvaluationSettings(presets=tuple(presets), prompt_kind=kind)
+    evaluation = evaluate_project(ProjectFolder.open_existing(project), truth, settings)
     figures = {}
     for preset in presets:
         words = [word for word in evaluation.words if word.method == preset]

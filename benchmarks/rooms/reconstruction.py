@@ -11,7 +11,7 @@ from engine.pipeline.reconstruct import PipelineSettings
 from engine.quality.bench.prepared import prepare, prepare_masks, train_prepared
 
 
-def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should_stop: StopCheck) -> None:
+def reconstruct_room(room: Path, out: Path, *, emit: Emit, should_stop: StopCheck) -> None:
     """Reconstruct a room with the method of this working tree; a killed run is continued.
 
     Parameters
@@ -20,8 +20,6 @@ def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should
         Folder with ``photos`` and ``cameras``.
     out : Path
         Project folder.
-    seed : int
-        Of the training.
     emit, should_stop
         See `engine.core.events`.
 
@@ -41,6 +39,5 @@ def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should
         poses_given=True,
         points_given=has_points(settings.given_cameras),
     )
-    training = training_settings(work).changed(seed=seed)
     prepared, _ = prepare_masks(prepared, out, work, settings, emit=emit, should_stop=should_stop)
-    train_prepared(prepared, out, work, training, emit=emit, should_stop=should_stop)
+    train_prepared(prepared, out, work, training_settings(work), emit=emit, should_stop=should_stop)

@@ -55,7 +55,7 @@ from engine.training import (
 from engine.training.settings import PRESETS, TrainingSettings
 
 from ..documents import put_into
-from ..rooms.keeping import KEPT_FOLDER, unpack_room
+from ..rooms.keeping import unpack_kept
 from .error_curves import ERROR_AND_SECONDS, SETS_AND_RUNS, error_plot, error_table, sets_table
 from .gallery import gallery_views
 from .gsplat_training import GSPLAT, measured_figures, train_gsplat
@@ -69,7 +69,7 @@ from .off_path import (
     read_true_views,
     write_true_views,
 )
-from .photo_sets import ROOT, photo_set
+from .photo_sets import photo_set
 from .views_file import read_views, write_views
 
 _MAX_NAME = 160
@@ -154,7 +154,7 @@ def _prepare_rooms(options: argparse.Namespace) -> None:
             continue
         with tempfile.TemporaryDirectory() as folder:
             room = Path(folder) / name
-            unpack_room(ROOT / KEPT_FOLDER / f"{name}.tar.xz", room)
+            unpack_kept(name, room)
             cameras = read_camera_set(room / "project" / "cameras")
             views = load_views(room / "photos", cameras, {}, PRESETS["standard"])
             write_views(options.out / f"{name}.npz", cameras, views)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from engine.core.errors import SettingsError
 
-from ..rooms.keeping import KEPT_FOLDER, unpack_room
+from ..rooms.keeping import unpack_kept
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,7 +52,7 @@ def photo_set(name: str) -> PhotoSetFolder:
     if name in ROOMS:
         folder = ROOT / "out" / "kept" / name
         if not folder.exists():
-            unpack_room(ROOT / KEPT_FOLDER / f"{name}.tar.xz", folder)
+            unpack_kept(name, folder)
         return PhotoSetFolder(name, folder / "photos", folder / "project")
     if name not in REAL_SETS:
         raise SettingsError(f"There is no photo set {name!r}, only {', '.join(NAMES)}.")

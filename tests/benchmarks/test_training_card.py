@@ -51,11 +51,11 @@ def test_rooms_whose_true_views_are_there_are_not_rendered_again(
 ) -> None:
     unpacked: list[str] = []
 
-    def refuses(archive: Path, folder: Path) -> None:
+    def refuses(name: str, folder: Path) -> None:
         unpacked.append(folder.name)
         raise SettingsError("unpacked")
 
-    monkeypatch.setattr(card, "unpack_room", refuses)
+    monkeypatch.setattr(card, "unpack_kept", refuses)
     (tmp_path / "true").mkdir()
     (tmp_path / "true" / "room_3.npz").touch()
     with pytest.raises(SystemExit, match="unpacked"):

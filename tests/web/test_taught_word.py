@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from benchmarks.rooms.keeping import KEPT_FOLDER, unpack_room
+from benchmarks.rooms.keeping import unpack_kept
 from benchmarks.serve.page import serving
 
-from .conftest import ROOT, RUN_MS, keep_picture, wait_for_scene
+from .conftest import RUN_MS, keep_picture, wait_for_scene
 from .test_objects import card, isolate, wait_until_lit
 
 WORD = "ciborium"
@@ -27,7 +27,7 @@ def rooms(browser: Browser, tmp_path: Path) -> Iterator[tuple[Page, list[str]]]:
     names = ("room_1", "room_5")
     for number, name in enumerate(names):
         folder = tmp_path / "users" / "local" / "projects" / f"{number:012}"
-        unpack_room(ROOT / KEPT_FOLDER / f"{name}.tar.xz", folder)
+        unpack_kept(name, folder)
         described = {"title": f"Room {number + 1}", "created": "2026-01-01T00:00:00+00:00"}
         (folder / "info.json").write_text(json.dumps(described), encoding="utf-8")
     with serving(tmp_path) as address, browser.new_page(viewport={"width": 1280, "height": 900}) as page:

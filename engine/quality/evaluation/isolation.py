@@ -14,8 +14,10 @@ from scipy.optimize import linear_sum_assignment
 
 from ...core.arrays import Mask
 from ...core.errors import Cancelled, SettingsError
-from ...core.events import Emit, Progress, StopCheck, Warned
+from ...core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
+from ...masks import load_default_sam
 from ...objects import DetectorFactory, SamFactory
+from ...objects.grounding import load_default_detector
 from ...objects.settings import BETTER
 from ...project.folder import ProjectFolder
 from ...rasterizer import PROCESSOR, Device
@@ -63,10 +65,10 @@ def evaluate_project(
     settings: EvaluationSettings,
     *,
     layout: Layout | Literal["auto"] = "auto",
-    detector_factory: DetectorFactory,
-    sam_factory: SamFactory,
-    emit: Emit,
-    should_stop: StopCheck,
+    detector_factory: DetectorFactory = load_default_detector,
+    sam_factory: SamFactory = load_default_sam,
+    emit: Emit = ignore_events,
+    should_stop: StopCheck = never_stop,
     device: Device = PROCESSOR,
 ) -> Evaluation:
     """Isolate every object with every method and compare it with its true masks.
