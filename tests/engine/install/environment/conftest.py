@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import hashlib
 import os
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
 import pytest
 
 NAMES = ("our_package", "our_torch")
+
+
+def base_python() -> Path:
+    """Return the Python that this environment was made from."""
+    return Path(getattr(sys, "_base_executable", sys.executable))
+
+
+@pytest.fixture(scope="session")
+def empty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A new environment with pip. To make one takes seconds, so tests copy it."""
+    folder = tmp_path_factory.mktemp("empty") / "environment"
+    subprocess.run([base_python(), "-m", "venv", folder], check=True)
+    return folder
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -26,27 +27,30 @@ from engine.install.environment.pip_command import NotTrusted
 from engine.install.environment.pythons import Interpreter, usable
 from engine.install.environment.target import Target
 
-from .conftest import locked
+from .conftest import base_python, locked
 
 advice_module = importlib.import_module("engine.core.system.distributions")
 VERSION = (sys.version_info[0], sys.version_info[1])
+REALLY_CREATE = module._create_with
 
 
 @pytest.fixture
-def engine(tmp_path: Path, wheels: Path, monkeypatch: pytest.MonkeyPatch) -> EngineEnvironment:
-    """An environment of two small packages instead of the engine's."""
+def engine(tmp_path: Path, wheels: Path, empty: Path, monkeypatch: pytest.MonkeyPatch) -> EngineEnvironment:
+    """An environment of two small packages instead of the engine's; what is created is a copy of `empty`."""
+
+    def copy(run: Any, interpreter: Interpreter) -> None:
+        shutil.rmtree(run.environment.root, ignore_errors=True)
+        shutil.copytree(empty, run.environment.root, symlinks=True)
+
+    monkeypatch.setattr(module, "_create_with", copy)
     files = {name: locked(wheels, f"our_{what}") for name, what in (("engine", "package"), ("torch", "torch"))}
     monkeypatch.setattr(module, "locked_file", files.__getitem__)
     monkeypatch.setattr(module, "_IMPORTS", "import our_package, our_torch")
     monkeypatch.setattr(module, "_fetch_models", lambda run: None)
     torch = TorchSource("cpu", ("--no-deps", "our-torch"), False, "torch (cpu)")
     monkeypatch.setattr(module, "torch_source", lambda pip, build: torch)
-    monkeypatch.setattr(module, "find_pythons", lambda preferred: iter([Interpreter(_base_python(), VERSION, True)]))
+    monkeypatch.setattr(module, "find_pythons", lambda preferred: iter([Interpreter(base_python(), VERSION, True)]))
     return EngineEnvironment(tmp_path / "engine")
-
-
-def _base_python() -> Path:
-    return Path(getattr(sys, "_base_executable", sys.executable))
 
 
 def _install(engine: EngineEnvironment, **options: Any) -> list[Event]:
@@ -60,7 +64,10 @@ def _runs(engine: EngineEnvironment) -> bool:
     return subprocess.run(command, check=False, capture_output=True).returncode == 0
 
 
-def test_engine_is_ready_and_progress_grows_to_its_end(engine: EngineEnvironment) -> None:
+def test_engine_is_ready_and_progress_grows_to_its_end(
+    engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_create_with", REALLY_CREATE)
     events = _install(engine)
     assert engine.state() == "ready" and _runs(engine)
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
@@ -260,7 +267,7 @@ def test_advice_on_python_is_true_on_this_system(system: str, monkeypatch: pytes
 
 
 def test_python_for_which_torch_can_be_had_is_taken(engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, second = (Interpreter(_base_python(), version, True) for version in ((3, 99), VERSION))
+    first, second = (Interpreter(base_python(), version, True) for version in ((3, 99), VERSION))
     monkeypatch.setattr(module, "find_pythons", lambda preferred: iter([first, second]))
     asked: list[Path] = []
 
@@ -290,8 +297,9 @@ def test_python_without_pip_gets_it_from_its_wheel(
 ) -> None:
     ensurepip = Path(__import__("ensurepip").__file__).parent / "_bundled"
     (wheel,) = ensurepip.glob("pip-*.whl")
+    monkeypatch.setattr(module, "_create_with", REALLY_CREATE)
     monkeypatch.setattr(module, "fetch_pip", lambda folder: wheel)
-    monkeypatch.setattr(module, "find_pythons", lambda preferred: iter([Interpreter(_base_python(), VERSION, False)]))
+    monkeypatch.setattr(module, "find_pythons", lambda preferred: iter([Interpreter(base_python(), VERSION, False)]))
     _install(engine)
     assert _runs(engine)
 
@@ -328,7 +336,7 @@ def test_bundle_of_the_same_files_has_the_same_bytes(
     written: list[bytes] = []
     for order in orders:
         out = tmp_path / f"{len(written)}.zip"
-        made = bundles.write_bundle(out, _base_python(), tmp_path, "cpu", list[Event]().append, system=SYSTEMS["linux"])
+        made = bundles.write_bundle(out, base_python(), tmp_path, "cpu", list[Event]().append, system=SYSTEMS["linux"])
         assert len(made.files) == len(order)
         written.append(out.read_bytes())
     assert written[0] == written[1]

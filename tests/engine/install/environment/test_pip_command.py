@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
-import venv
 from pathlib import Path
 
 import pytest
@@ -46,11 +46,11 @@ def test_index_on_the_command_line_is_the_only_one_asked(
 
 
 def test_folder_of_wheels_takes_the_place_of_every_index(
-    wheels: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    wheels: Path, empty: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("FIND_LINKS", "NO_INDEX"):
         monkeypatch.delenv(f"PIP_{name}")
-    venv.create(tmp_path / "environment", with_pip=True)
+    shutil.copytree(empty, tmp_path / "environment", symlinks=True)
     python = python_in(tmp_path / "environment")
     Pip(python, tmp_path / "log", wheels=wheels).install(["our-package"])
     run_logged([python, "-c", "import our_package"], tmp_path / "log", "not installed")
