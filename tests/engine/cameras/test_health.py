@@ -425,9 +425,8 @@ def test_given_cameras_of_two_exchanged_photos_are_left_out(room: Scene) -> None
     assert any(isinstance(event, Warned) and "01.png, 06.png" in event.message for event in events)
 
 
-@pytest.mark.parametrize("first", [1, 3, 5])
-def test_given_cameras_of_two_exchanged_neighbours_are_left_out(room: Scene, first: int) -> None:
-    names = (f"{first:02d}.png", f"{first + 1:02d}.png")
+def test_given_cameras_of_two_exchanged_neighbours_are_left_out(room: Scene) -> None:
+    names = ("03.png", "04.png")
     by_photo = dict(as_given(room).by_photo)
     exchanged = {
         name: dataclasses.replace(by_photo[other], photo=name) for name, other in zip(names, names[::-1], strict=True)

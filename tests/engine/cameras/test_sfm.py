@@ -30,7 +30,7 @@ from engine.core.events import Event, Progress, Warned
 from engine.core.system import CODE_ROOT
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
-from engine.scene import FISHEYE_LENS
+from engine.scene import FISHEYE_LENS, write_camera_set
 from engine.scene.camera import CameraSet
 from engine.scene.photo import PhotoSet
 
@@ -104,17 +104,6 @@ def test_progress_rises_to_one(found: tuple[CameraSet, list[Event]]) -> None:
     assert fractions[-1] == 1.0
 
 
-def test_the_same_photos_give_the_same_cameras_with_any_number_of_threads(
-    room: Scene, found: tuple[CameraSet, list[Event]], tmp_path: Path
-) -> None:
-    """`found` was estimated with a thread for each core."""
-    for threads in (1, 4):
-        other = estimate_cameras(room.photo_set, tmp_path / str(threads), replace(QUICK, threads=threads))
-        assert np.array_equal(found[0].points, other.points)
-        for a, b in zip(found[0].cameras, other.cameras, strict=True):
-            assert np.array_equal(a.viewmat, b.viewmat) and a.params == b.params
-
-
 STORING = """
 import sys
 from dataclasses import replace
@@ -124,25 +113,32 @@ from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
 from engine.photos.reading import read_photos
 from engine.scene import write_camera_set
-settings = CameraSettings(max_side=400, max_features=1000, first_octave=0)
+settings = CameraSettings(max_side=400, max_features=1000, first_octave=0, threads=int(sys.argv[4]))
 write_camera_set(Path(sys.argv[3]), estimate_cameras(read_photos(Path(sys.argv[1])), Path(sys.argv[2]), settings))
 """
 
 
-def test_processes_with_one_and_with_four_threads_of_linear_algebra_store_the_same_bytes(
-    room: Scene, tmp_path: Path
+def test_any_number_of_threads_here_and_in_linear_algebra_stores_the_same_bytes(
+    room: Scene, found: tuple[CameraSet, list[Event]], tmp_path: Path
 ) -> None:
-    stored = []
+    """`found` was estimated with a thread for each core."""
+    write_camera_set(tmp_path, found[0])
+    stored = [bytes_of(tmp_path)]
     for threads in ("1", "4"):
         folder, work = tmp_path / f"cameras {threads}", tmp_path / f"work {threads}"
         folder.mkdir()
         names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
         subprocess.run(
-            [sys.executable, "-c", STORING, room.photo_set.folder, work, folder],
+            [sys.executable, "-c", STORING, room.photo_set.folder, work, folder, threads],
             env={**os.environ, **dict.fromkeys(names, threads)}, cwd=CODE_ROOT, check=True,
         )  # fmt: skip
-        stored.append((folder / "cameras.json").read_bytes() + (folder / "points.npz").read_bytes())
-    assert stored[0] == stored[1]
+        stored.append(bytes_of(folder))
+    assert stored[0] == stored[1] == stored[2]
+
+
+def bytes_of(folder: Path) -> bytes:
+    """The stored cameras and points."""
+    return (folder / "cameras.json").read_bytes() + (folder / "points.npz").read_bytes()
 
 
 def test_cameras_that_differ_in_their_last_bits_are_stored_as_the_same(found: tuple[CameraSet, list[Event]]) -> None:
@@ -264,28 +260,37 @@ def test_photos_of_other_sizes_orientations_and_lenses_get_their_own_lens(tmp_pa
     assert next(iter(square))[0] == pytest.approx(380.0 * 0.9, rel=0.05)
 
 
-def test_cancel_stops_soon_and_the_next_run_resumes(room: Scene, tmp_path: Path) -> None:
+@pytest.fixture
+def four(room: Scene, tmp_path: Path) -> PhotoSet:
+    """Half of the photos of the room, with a quarter of the pairs, in a folder of their own."""
+    (tmp_path / "photos").mkdir()
+    for photo in room.photo_set.photos[:4]:
+        shutil.copyfile(room.photo_set.folder / photo.name, tmp_path / "photos" / photo.name)
+    return read_photos(tmp_path / "photos")
+
+
+def test_cancel_stops_soon_and_the_next_run_resumes(four: PhotoSet, tmp_path: Path) -> None:
     events: list[Event] = []
 
     def stop() -> bool:
         return any(isinstance(event, Progress) and "matched" in event.message for event in events)
 
     with pytest.raises(Cancelled):
-        estimate_cameras(room.photo_set, tmp_path, QUICK, emit=events.append, should_stop=stop)
+        estimate_cameras(four, tmp_path / "sfm", QUICK, emit=events.append, should_stop=stop)
     events.clear()
-    assert len(estimate_cameras(room.photo_set, tmp_path, QUICK, emit=events.append).cameras) == 8
+    assert len(estimate_cameras(four, tmp_path / "sfm", QUICK, emit=events.append).cameras) == 4
     # Features were kept: no detection is reported.
     assert not any("features in" in event.message for event in events if isinstance(event, Progress))
 
 
-def test_colmap_ends_when_the_event_receiver_fails(room: Scene, tmp_path: Path) -> None:
+def test_colmap_ends_when_the_event_receiver_fails(four: PhotoSet, tmp_path: Path) -> None:
     def emit(event: Event) -> None:
         if isinstance(event, Progress) and "placed" in event.message:
             raise BrokenPipeError
 
     with pytest.raises(BrokenPipeError):
-        estimate_cameras(room.photo_set, tmp_path, QUICK, emit=emit)
-    assert len(estimate_cameras(room.photo_set, tmp_path, QUICK).cameras) == 8
+        estimate_cameras(four, tmp_path / "sfm", QUICK, emit=emit)
+    assert len(estimate_cameras(four, tmp_path / "sfm", QUICK).cameras) == 4
 
 
 KILLED = """
@@ -310,31 +315,28 @@ estimate_cameras(photos, Path(sys.argv[2]), settings, emit=emit, should_stop=sho
 
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
 @pytest.mark.parametrize("message", ["features in", "matched"])
-def test_a_killed_run_is_resumed(room: Scene, tmp_path: Path, message: str) -> None:
-    words = [sys.executable, "-c", KILLED, room.photo_set.folder, tmp_path, message]
+def test_a_killed_run_is_resumed(four: PhotoSet, tmp_path: Path, message: str) -> None:
+    words = [sys.executable, "-c", KILLED, four.folder, tmp_path / "sfm", message]
     assert subprocess.run(words, cwd=CODE_ROOT, check=False).returncode == -signal.SIGKILL
-    assert len(estimate_cameras(room.photo_set, tmp_path, QUICK).cameras) == 8
+    assert len(estimate_cameras(four, tmp_path / "sfm", QUICK).cameras) == 4
 
 
-def test_other_photos_or_settings_start_a_new_run(room: Scene, tmp_path: Path) -> None:
+def test_other_photos_start_a_new_run_and_colmap_writes_nothing_to_the_terminal(
+    room: Scene, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     fewer = PhotoSet(room.photo_set.folder, room.photo_set.photos[:4], ())
     assert len(estimate_cameras(fewer, tmp_path, QUICK).cameras) == 4
     other = PhotoSet(room.photo_set.folder, room.photo_set.photos[3:7], ())
     assert [camera.photo for camera in estimate_cameras(other, tmp_path, QUICK).cameras] == [
         photo.name for photo in other.photos
     ]
+    captured = capfd.readouterr()
+    assert (captured.out, captured.err) == ("", "")
 
 
 def test_settings_out_of_bounds_are_refused() -> None:
     with pytest.raises(SettingsError, match="`CameraSettings.min_registered` must be at least 3, got 2"):
         CameraSettings(min_registered=2)
-
-
-def test_colmap_writes_nothing_to_the_terminal(room: Scene, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    estimate_cameras(PhotoSet(room.photo_set.folder, room.photo_set.photos[:4], ()), tmp_path, QUICK)
-    captured = capfd.readouterr()
-    assert captured.out == ""
-    assert captured.err == ""
 
 
 @pytest.mark.slow

