@@ -37,20 +37,13 @@ def test_killed_server_leaves_nothing_locked(start: Callable[..., tuple[subproce
         assert answer.status == 200
 
 
-def test_second_server_on_the_same_data_is_refused(
-    start: Callable[..., tuple[subprocess.Popen[str], str]], tmp_path: Path, page: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    start()
-    monkeypatch.setattr(run, "PAGE", page)
-    with pytest.raises(ProjectError, match="Another server works with"):
-        run_server(ServeSettings(tmp_path / "data", port=0), ignore_events, lambda: True)
-
-
-def test_taken_port_is_told(
+def test_second_server_on_the_same_data_is_refused_and_a_taken_port_told(
     start: Callable[..., tuple[subprocess.Popen[str], str]], tmp_path: Path, page: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, address = start()
     monkeypatch.setattr(run, "PAGE", page)
+    with pytest.raises(ProjectError, match="Another server works with"):
+        run_server(ServeSettings(tmp_path / "data", port=0), ignore_events, lambda: True)
     port = int(address.rstrip("/").rpartition(":")[2])
     with pytest.raises(SettingsError, match=f"Port {port} cannot be used"):
         run_server(ServeSettings(tmp_path / "other", port=port), ignore_events, lambda: True)
