@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -32,7 +32,7 @@ PRESETS_PART = "presets on the processor"
 _DEFAULT_SETS = (*REAL_SETS, *SCENES)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Train, measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--presets", type=_of(PRESETS), default=["preview", "standard"], help="(default: both)")
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--measured-only", action="store_true", help="train nothing: tell what is measured so far")
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="document for the table")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="file for a picture of error against seconds")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     try:
         results = _measured(options)
     except HeritageError as error:

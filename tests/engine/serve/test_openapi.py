@@ -25,7 +25,7 @@ from .conftest import API, Client
 CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
 STREAMS = f"{API}/projects/{{project_id}}/events"
 """Never ends; tests/engine/serve/test_jobs.py reads it."""
-N_EXAMPLES = 12
+N_EXAMPLES = 8
 
 
 @pytest.mark.slow

@@ -44,8 +44,7 @@ def test_missing_clamping_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "`scales` is not finite" in problems_of("start_scales_1e39")
 
 
-@pytest.mark.parametrize("case", ["undisturbed", "budget_2_million"])
-def test_rates_that_rise_instead_of_falling_are_found(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rates_that_rise_instead_of_falling_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     original = Schedule.learning_rates
 
     def rising(self: Schedule, step: int, *more: Any) -> dict[str, float]:
@@ -53,7 +52,7 @@ def test_rates_that_rise_instead_of_falling_are_found(case: str, monkeypatch: py
         return {name: factor * rate for name, rate in original(self, step, *more).items()}
 
     monkeypatch.setattr(Schedule, "learning_rates", rising)
-    assert "less than" in problems_of(case)
+    assert "less than" in problems_of("undisturbed")
 
 
 def test_growth_beyond_the_budget_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from engine.quality.stability.scenes import Scene, ordinary_scene, slanted_camer
 
 # In a small picture, one pixel near a threshold is a large share of all.
 SMALL = replace(DEFAULT, near_share=1.0)
-QUICK = settings(max_examples=80, derandomize=True, deadline=None, database=None)
+QUICK = settings(max_examples=40, derandomize=True, deadline=None, database=None)
 
 
 @st.composite
