@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import logging
-import math
 import re
 from pathlib import Path
 from typing import Any
 
 from ..core.visible_text import visible
-from .exif import without_pillow_warnings
+from .exif import MAKE, MODEL, SOFTWARE, exif_number, read_exif
 from .pixels import opened_picture, photo_errors
-from .structure import MAX_EXIF_BYTES
 
-_LOG = logging.getLogger(__name__)
-_EXIF_IFD = 0x8769
-_TEXTS = {0x010F: "camera_make", 0x0110: "camera_model", 0x0131: "software"}
-_CAMERA_TEXTS = {0xA433: "lens_make", 0xA434: "lens_model"}
-_CAMERA_NUMBERS = {
+_TEXTS = {
+    MAKE: "camera_make",
+    MODEL: "camera_model",
+    SOFTWARE: "software",
+    0xA433: "lens_make",
+    0xA434: "lens_model",
+}
+_NUMBERS = {
     0x829A: "exposure_seconds",
     0x829D: "f_number",
     0x8827: "iso",
@@ -52,23 +52,11 @@ def exif_facts(path: Path) -> dict[str, Any]:
         When the file is no photo that can be read.
     """
     with photo_errors(path), opened_picture(path, None) as (image, _):
-        data = image.info.get("exif")
-        if isinstance(data, bytes | str) and len(data) > MAX_EXIF_BYTES:
-            return {}
-        # Pillow raises exceptions of many types on damaged EXIF; the photo itself was read without it too.
-        try:
-            with without_pillow_warnings():
-                exif = image.getexif()
-                camera = dict(exif.get_ifd(_EXIF_IFD))
-                general = {tag: exif.get(tag) for tag in _TEXTS}
-        except Exception as error:
-            _LOG.warning("Damaged EXIF of %s is ignored: %r", visible(path.name), error)
-            return {}
+        exif = read_exif(image)
     facts: dict[str, Any] = {
-        "taken": _time(camera.get(_TAKEN), camera.get(_OFFSET)),
-        **{name: _text(general[tag]) for tag, name in _TEXTS.items()},
-        **{name: _text(camera.get(tag)) for tag, name in _CAMERA_TEXTS.items()},
-        **{name: _number(camera.get(tag)) for tag, name in _CAMERA_NUMBERS.items()},
+        "taken": _time(exif.get(_TAKEN), exif.get(_OFFSET)),
+        **{name: _text(exif.get(tag)) for tag, name in _TEXTS.items()},
+        **{name: _number(exif.get(tag)) for tag, name in _NUMBERS.items()},
     }
     return {name: value for name, value in facts.items() if value is not None}
 
@@ -87,8 +75,5 @@ def _text(value: Any) -> str | None:
 
 
 def _number(value: Any) -> float | None:
-    try:
-        number = float(value[0] if isinstance(value, tuple) else value)
-    except (TypeError, ValueError, ArithmeticError, IndexError):
-        return None
-    return round(number, 9) if math.isfinite(number) else None
+    number = exif_number(value)
+    return None if number is None else round(number, 9)

@@ -17,7 +17,9 @@ from .structure import MAX_EXIF_BYTES
 
 _LOG = logging.getLogger(__name__)
 
+MAKE, MODEL, SOFTWARE = 0x010F, 0x0110, 0x0131
 _ORIENTATION = 0x0112
+_GENERAL_TAGS = (MAKE, MODEL, SOFTWARE, _ORIENTATION)
 _EXIF_IFD = 0x8769
 _FOCAL_LENGTH = 0x920A
 _FOCAL_LENGTH_35MM = 0xA405
@@ -25,7 +27,6 @@ _PIXEL_WIDTH, _PIXEL_HEIGHT = 0xA002, 0xA003
 _PLANE_X_RESOLUTION = 0xA20E
 _PLANE_UNIT = 0xA210
 _TAKEN, _TAKEN_FRACTION = 0x9003, 0x9291
-_CAMERA_TAGS = (_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXEL_WIDTH, _PIXEL_HEIGHT, _PLANE_X_RESOLUTION, _PLANE_UNIT)
 _UNIT_IN_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
@@ -80,22 +81,21 @@ def without_pillow_warnings() -> contextlib.AbstractContextManager[None]:
     return _WARNINGS.suppressed()
 
 
-def _read(image: Image.Image) -> dict[int, float]:
-    """Return the known EXIF values; 0 for those that are missing or no numbers."""
+def read_exif(image: Image.Image) -> dict[int, Any]:
+    """Return the EXIF values of a photo by their tags; empty where it has none, or damaged ones."""
     data = image.info.get("exif")
     if isinstance(data, bytes | str) and len(data) > MAX_EXIF_BYTES:
         _LOG.warning("EXIF of %d bytes is ignored.", len(data))
-        return dict.fromkeys((_ORIENTATION, *_CAMERA_TAGS), 0.0)
+        return {}
     # On damaged EXIF Pillow raises an exception of any type, or warns on stderr and continues. The pixels are still
     # valid, so the photo is used without EXIF.
     try:
         with without_pillow_warnings():
             exif = image.getexif()
-            camera = exif.get_ifd(_EXIF_IFD)
-            return {_ORIENTATION: _number(exif.get(_ORIENTATION)), **{t: _number(camera.get(t)) for t in _CAMERA_TAGS}}
+            return {**exif.get_ifd(_EXIF_IFD), **{tag: exif[tag] for tag in _GENERAL_TAGS if tag in exif}}
     except Exception as error:
         _LOG.warning("Damaged EXIF is ignored: %r", error)
-        return dict.fromkeys((_ORIENTATION, *_CAMERA_TAGS), 0.0)
+        return {}
 
 
 def orientation_of(image: Image.Image) -> int:
@@ -105,7 +105,7 @@ def orientation_of(image: Image.Image) -> int:
     -----
     Pillow (TIFF) and pillow-heif (HEIC) apply the orientation on loading and then report 1.
     """
-    value = _read(image)[_ORIENTATION]
+    value = exif_number(read_exif(image).get(_ORIENTATION))
     return int(value) if value in UPRIGHT_TRANSPOSES else 1
 
 
@@ -119,14 +119,18 @@ def focal_in_pixels(image: Image.Image) -> float | None:
     ``FocalPlaneXResolution``, which refers to pixels of the sensor and is scaled by the picture's longest side over the
     longest side in EXIF.
     """
-    tags = _read(image)
+    exif = read_exif(image)
+
+    def number(tag: int) -> float:
+        return exif_number(exif.get(tag)) or 0.0
+
     width, height = image.size
-    focal = tags[_FOCAL_LENGTH_35MM] * math.hypot(width, height) / _FILM_DIAGONAL_MM
+    focal = number(_FOCAL_LENGTH_35MM) * math.hypot(width, height) / _FILM_DIAGONAL_MM
     if not focal > 0.0:
-        unit = _UNIT_IN_MM.get(int(tags[_PLANE_UNIT]), 25.4)
-        recorded = max(tags[_PIXEL_WIDTH], tags[_PIXEL_HEIGHT])
+        unit = _UNIT_IN_MM.get(int(number(_PLANE_UNIT)), 25.4)
+        recorded = max(number(_PIXEL_WIDTH), number(_PIXEL_HEIGHT))
         scale = max(width, height) / recorded if recorded > 0.0 else 1.0
-        focal = tags[_FOCAL_LENGTH] * tags[_PLANE_X_RESOLUTION] / unit * scale
+        focal = number(_FOCAL_LENGTH) * number(_PLANE_X_RESOLUTION) / unit * scale
     longest = max(width, height)
     if not _PLAUSIBLE_FOCAL_RATIOS[0] * longest <= focal <= _PLAUSIBLE_FOCAL_RATIOS[1] * longest:
         return None
@@ -135,26 +139,17 @@ def focal_in_pixels(image: Image.Image) -> float | None:
 
 def capture_time(image: Image.Image) -> str | None:
     """Return when a photo was taken by its EXIF, ``2024:05:17 10:31:02.25``; None when EXIF does not say it."""
-    data = image.info.get("exif")
-    if isinstance(data, bytes | str) and len(data) > MAX_EXIF_BYTES:
-        return None
-    # As in `_read`.
-    try:
-        with without_pillow_warnings():
-            camera = image.getexif().get_ifd(_EXIF_IFD)
-            taken, fraction = (str(camera.get(tag, "")).strip("\0 ") for tag in (_TAKEN, _TAKEN_FRACTION))
-    except Exception as error:
-        _LOG.warning("Damaged EXIF is ignored: %r", error)
-        return None
+    exif = read_exif(image)
+    taken, fraction = (str(exif.get(tag, "")).strip("\0 ") for tag in (_TAKEN, _TAKEN_FRACTION))
     if not re.fullmatch(r"[1-9]\d{3}:\d\d:\d\d \d\d:\d\d:\d\d", taken):
         return None
     return f"{taken}.{fraction}" if fraction.isdigit() else taken
 
 
-def _number(value: Any) -> float:
-    """Return an EXIF value, or its first number, as a float; 0 when it is missing, no number, or not finite."""
+def exif_number(value: Any) -> float | None:
+    """Return an EXIF value, or its first number, as a float; None when it is missing, no number, or not finite."""
     try:
         number = float(value[0] if isinstance(value, tuple) else value)
     except (TypeError, ValueError, ArithmeticError, IndexError):
-        return 0.0
-    return number if math.isfinite(number) else 0.0
+        return None
+    return number if math.isfinite(number) else None

@@ -17,7 +17,7 @@ from PIL import Image
 
 from ..core.arrays import Float32
 from ..scene import FISHEYE_LENS
-from .exif import without_pillow_warnings
+from .exif import MAKE, MODEL, read_exif
 
 Circle = tuple[float, float, float]
 """Centre and radius as shares of the shorter side, the centre relative to that of the picture."""
@@ -38,7 +38,7 @@ _PROJECTION = re.compile(rb"GPano:ProjectionType\s*(?:=\s*[\"']|>)\s*(\w+)", re.
 _XMP_KEYS = ("xmp", "XML:com.adobe.xmp")
 _XMP_SCREENSHOT = re.compile(rb"UserComment.{0,200}?Screenshot", re.DOTALL)
 _MAX_XMP_BYTES = 1 << 20
-_EXIF_IFD, _MAKE, _MODEL, _CUSTOM_RENDERED, _USER_COMMENT = 0x8769, 0x010F, 0x0110, 0xA401, 0x9286
+_CUSTOM_RENDERED, _USER_COMMENT, _FOCAL_LENGTH_35MM = 0xA401, 0x9286, 0xA405
 _APPLE_PANORAMA = 6
 """Value of CustomRendered for a panorama, as Apple's cameras write it."""
 _SCREENSHOT_NAMES = (
@@ -79,12 +79,16 @@ def unusual_picture(image: Image.Image, name: str, gray: Float32) -> str | None:
     projection = _PROJECTION.search(xmp)
     if projection is not None and projection[1].lower() != b"rectilinear":
         return _PANORAMA
-    facts = _exif(image)
-    if facts["is_apple"] and facts["custom"] == _APPLE_PANORAMA:
+    exif = read_exif(image)
+    make = str(exif.get(MAKE, ""))
+    if make.startswith("Apple") and exif.get(_CUSTOM_RENDERED) == _APPLE_PANORAMA:
         return _STITCHED
-    if facts["is_screenshot"] or _XMP_SCREENSHOT.search(xmp) or (not facts["has_camera"] and _is_named_so(name)):
+    has_camera = bool(make or exif.get(MODEL))
+    comment = exif.get(_USER_COMMENT)
+    text = comment.decode("latin-1") if isinstance(comment, bytes) else str(comment)
+    if "Screenshot" in text or _XMP_SCREENSHOT.search(xmp) or (not has_camera and _is_named_so(name)):
         return _SCREENSHOT
-    if not facts["has_lens"] and _is_twice_as_wide(gray):
+    if not exif.get(_FOCAL_LENGTH_35MM) and _is_twice_as_wide(gray):
         if _wraps_around(gray):
             return _PANORAMA
         half = gray.shape[1] // 2
@@ -163,26 +167,6 @@ def _xmp(info: dict[Any, Any]) -> bytes:
     text = next((info[key] for key in _XMP_KEYS if key in info), b"")
     data = text.encode("utf-8", "replace") if isinstance(text, str) else text
     return data[:_MAX_XMP_BYTES] if isinstance(data, bytes) else b""
-
-
-def _exif(image: Image.Image) -> dict[str, Any]:
-    """Return what EXIF says about the kind of the picture; nothing where it is damaged."""
-    facts: dict[str, Any] = dict.fromkeys(("is_apple", "has_camera", "has_lens", "is_screenshot"), False)
-    facts["custom"] = None
-    # Pillow raises exceptions of many types on damaged EXIF.
-    try:
-        with without_pillow_warnings():
-            exif = image.getexif()
-            camera = exif.get_ifd(_EXIF_IFD)
-            make = str(exif.get(_MAKE, ""))
-            comment = camera.get(_USER_COMMENT, b"")
-            comment = comment.encode("utf-8", "replace") if isinstance(comment, str) else bytes(comment)
-            facts["is_apple"], facts["has_camera"] = make.startswith("Apple"), bool(make or exif.get(_MODEL))
-            facts["has_lens"] = bool(camera.get(0xA405))
-            facts["is_screenshot"], facts["custom"] = b"Screenshot" in comment, camera.get(_CUSTOM_RENDERED)
-    except Exception:
-        return facts
-    return facts
 
 
 def _is_named_so(name: str) -> bool:
