@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -18,14 +17,8 @@ def draw_mesh(
 
     `finer` rows and columns are drawn for each of the picture, and averaged: a pixel of a photo shows an area.
     """
-    picture = _drawn(mesh, enlarged(camera, finer), background)
+    picture = _drawn(mesh, camera.scaled(finer), background)
     return picture.reshape(camera.height, finer, camera.width, finer, 3).mean(axis=(1, 3))
-
-
-def enlarged(camera: PinholeCamera, factor: int) -> PinholeCamera:
-    """Return the camera with `factor` times as many rows and columns."""
-    K = camera.K * np.array([[factor], [factor], [1]])
-    return replace(camera, K=K, width=factor * camera.width, height=factor * camera.height)
 
 
 def draw_shape(mesh: Mesh, camera: PinholeCamera, *, background: Sequence[float]) -> np.ndarray:

@@ -44,7 +44,7 @@ from engine.scene import Camera, CameraSet, Gaussians, Mesh, PinholeCamera, read
 from engine.training import load_gaussians
 
 from .documents import print_table
-from .mesh_pictures import draw_mesh, draw_shape, enlarged
+from .mesh_pictures import draw_mesh, draw_shape
 from .rooms.drawn import drawn_from
 
 _POINTS = 30_000
@@ -277,7 +277,7 @@ class Case:
                 continue
             frame = training_pinhole(camera, max_side=480)
             mask = undistort(self._mask(camera).astype(np.float32), camera, frame, interpolation="linear") > 0.5
-            depth = mesh_depth(enlarged(frame, _FINER), true, faces)
+            depth = mesh_depth(frame.scaled(_FINER), true, faces)
             rows, pixels, depths = frame.project(points)
             x, y = pixels.astype(int).T
             column, row = (_FINER * pixels).astype(int).T

@@ -132,10 +132,7 @@ def surface_points(one: DepthMap, *, step: int = 1) -> Float64:
     """Return the places of the surface that a map shows, [P, 3], of every `step`-th row and column."""
     rows, columns = np.nonzero(one.depth[::step, ::step])
     rows, columns = rows * step, columns * step
-    rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(one.part.K).T
-    local = rays * one.depth[rows, columns, None]
-    places: Float64 = (local - one.part.viewmat[:3, 3]) @ one.part.viewmat[:3, :3]
-    return places
+    return one.part.places(rows, columns, one.depth[rows, columns])
 
 
 def _part_of(camera: Camera, alone: Gaussians) -> tuple[PinholeCamera, PinholeCamera] | None:
@@ -152,12 +149,8 @@ def _part_of(camera: Camera, alone: Gaussians) -> tuple[PinholeCamera, PinholeCa
     right, bottom = np.minimum(np.ceil(high + margin), (frame.width, frame.height)).astype(int)
     if right - left < 8 or bottom - top < 8:
         return None
-    K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-    full = replace(frame, K=K, width=int(right - left), height=int(bottom - top))
-    scale = min(1.0, math.sqrt(_MAP_PIXELS / (full.width * full.height)))
-    width, height = max(1, round(full.width * scale)), max(1, round(full.height * scale))
-    factors = np.array([width / full.width, height / full.height, 1.0])
-    return replace(full, K=full.K * factors[:, None], width=width, height=height), full
+    full = frame.part(left, top, int(right - left), int(bottom - top))
+    return full.scaled(min(1.0, math.sqrt(_MAP_PIXELS / (full.width * full.height)))), full
 
 
 def _map(

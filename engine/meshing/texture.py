@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -162,10 +162,7 @@ def spread_colors(vertices: Float64, faces: Int32, colors: Float32, known: Mask)
 def _read_size(one: DepthMap, texel: float) -> PinholeCamera:
     """Return the part of a photo at the size at which it is read."""
     pixel = float(np.median(one.depth[one.depth > 0])) / one.full.K[0, 0]
-    scale = min(1.0, _PIXELS_PER_TEXEL * pixel / max(texel, 1e-12))
-    width, height = max(1, round(one.full.width * scale)), max(1, round(one.full.height * scale))
-    factors = np.array([width / one.full.width, height / one.full.height, 1.0])
-    return replace(one.full, K=one.full.K * factors[:, None], width=width, height=height)
+    return one.full.scaled(min(1.0, _PIXELS_PER_TEXEL * pixel / max(texel, 1e-12)))
 
 
 def _usable(one: DepthMap, depth: Float32, tolerance: float) -> Float32:

@@ -212,7 +212,7 @@ class DetailCutter:
         try:
             waiting: list[Future[DetailCrop]] = []
             for camera, part in self._parts:
-                resized = _resized(part, self.scale)
+                resized = part.scaled(self.scale)
                 self.n_reduced += self.scale < 1.0 or max(camera.width, camera.height) > _MAX_SIDE
                 waiting.append(pool.submit(self._crop, camera, resized, *self._pictures(_map_camera(resized))))
                 if len(waiting) > 2 * _READERS:
@@ -258,8 +258,7 @@ class DetailCutter:
         left, top = (max(0, math.floor((box[i] - margins[i]) * scale)) for i in (0, 1))
         right = min(frame.width, math.ceil((box[2] + margins[0]) * scale))
         bottom = min(frame.height, math.ceil((box[3] + margins[1]) * scale))
-        K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-        return replace(frame, K=K, width=right - left, height=bottom - top)
+        return frame.part(left, top, right - left, bottom - top)
 
     def _pictures(self, part: PinholeCamera) -> tuple[Rendered, Rendered]:
         """Return the members, the depth and the trained members in the scene, and colours and depth of these alone."""
@@ -347,11 +346,4 @@ def read_part(photos: DetailPhotos, camera: Camera, part: PinholeCamera, small: 
 
 
 def _map_camera(part: PinholeCamera) -> PinholeCamera:
-    return _resized(part, min(1.0, math.sqrt(_MAP_PIXELS / (part.width * part.height))))
-
-
-def _resized(camera: PinholeCamera, scale: float) -> PinholeCamera:
-    """Return the camera of the picture at this scale, rounded to whole pixels."""
-    width, height = (max(1, round(side * scale)) for side in (camera.width, camera.height))
-    factors = np.array([width / camera.width, height / camera.height, 1.0])
-    return replace(camera, K=camera.K * factors[:, None], width=width, height=height)
+    return part.scaled(min(1.0, math.sqrt(_MAP_PIXELS / (part.width * part.height))))

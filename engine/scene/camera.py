@@ -7,7 +7,7 @@ cameras about one unit from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -99,6 +99,30 @@ class PinholeCamera:
         pixels = homogeneous[:, :2] / homogeneous[:, 2:]
         inside = ((pixels >= 0) & (pixels < (self.width, self.height))).all(axis=1)
         return front[inside], pixels[inside], local[front[inside], 2]
+
+    def places(self, rows: NDArray[np.intp], columns: NDArray[np.intp], depths: NDArray[np.floating]) -> Float64:
+        """Return the places, [P, 3], that pixels show at depths along the view axis; all parameters are [P]."""
+        rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(self.K).T
+        places: Float64 = (rays * depths[:, None] - self.viewmat[:3, 3]) @ self.viewmat[:3, :3]
+        return places
+
+    def part(self, left: int, top: int, width: int, height: int) -> PinholeCamera:
+        """Return the camera of a part of the picture, given in pixels."""
+        K = self.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+        return replace(self, K=K, width=width, height=height)
+
+    def resized(self, width: int, height: int) -> PinholeCamera:
+        """Return the camera of the same picture in another size, in pixels."""
+        factors = np.array([width / self.width, height / self.height, 1.0])
+        return replace(self, K=self.K * factors[:, None], width=width, height=height)
+
+    def scaled(self, scale: float) -> PinholeCamera:
+        """Return the camera of the same picture at this scale, rounded to whole pixels."""
+        return self.resized(max(1, round(self.width * scale)), max(1, round(self.height * scale)))
+
+    def reduced(self, max_side: int) -> PinholeCamera:
+        """Return the camera of the same picture with at most `max_side` pixels along its longest side."""
+        return self.scaled(min(1.0, max_side / max(self.width, self.height)))
 
 
 @dataclass(frozen=True)

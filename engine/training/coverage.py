@@ -44,7 +44,7 @@ class Coverage:
         self, values: dict[str, torch.Tensor], cameras: Sequence[PinholeCamera], *, backend: Backend = "cpu"
     ) -> None:
         self._values, self._backend = values, backend
-        self._seen = [(camera, self._depth(camera)) for camera in (reduced_camera(one, SIDE) for one in cameras)]
+        self._seen = [(camera, self._depth(camera)) for camera in (one.reduced(SIDE) for one in cameras)]
 
     def counts(self, camera: PinholeCamera) -> NDArray[np.int32]:
         """Return how many training photos see what each pixel of a camera shows, shape [height, width].
@@ -53,13 +53,11 @@ class Coverage:
         count 0.
         """
         width, height = camera.width, camera.height
-        camera = reduced_camera(camera, COUNTED_SIDE)
+        camera = camera.reduced(COUNTED_SIDE)
         depth = self._depth(camera)
         rows, columns = np.nonzero(np.isfinite(depth))
-        rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(camera.K).T
-        places = (rays * depth[rows, columns, None] - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3]
         counts = np.zeros(depth.shape, np.int32)
-        counts[rows, columns] = self.of_places(places)
+        counts[rows, columns] = self.of_places(camera.places(rows, columns, depth[rows, columns]))
         nearest_row = (np.arange(height) + 0.5) * camera.height / height
         nearest_column = (np.arange(width) + 0.5) * camera.width / width
         return counts[nearest_row.astype(int)[:, None], nearest_column.astype(int)]
@@ -84,14 +82,6 @@ class Coverage:
         cover = 1.0 - raster.transmittance.double().numpy()
         blended = raster.image[..., 0].double().numpy()
         return np.where(cover >= MIN_COVER, cover / np.maximum(blended, 1e-12), np.inf)
-
-
-def reduced_camera(camera: PinholeCamera, side: int) -> PinholeCamera:
-    """Return the camera with pictures of at most `side` pixels."""
-    scale = min(1.0, side / max(camera.width, camera.height))
-    width, height = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
-    factors = np.array([width / camera.width, height / camera.height, 1.0])
-    return PinholeCamera(camera.viewmat, camera.K * factors[:, None], width, height)
 
 
 def _sees(camera: PinholeCamera, surface: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -83,8 +83,7 @@ class DetailCrop:
 
     def window(self, left: int, top: int, width: int, height: int) -> DetailCrop:
         """Return a part of the crop, whose maps are as large as its pixels."""
-        K = self.camera.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
-        camera = replace(self.camera, K=K, width=width, height=height)
+        camera = self.camera.part(left, top, width, height)
         rows, columns = slice(top, top + height), slice(left, left + width)
         if self.alpha.shape == self.shape:
             maps = {name: getattr(self, name)[rows, columns] for name in _MAPS}
@@ -102,7 +101,6 @@ class DetailCrop:
         if scale >= 1 and self.alpha.shape == self.shape:
             return self
         size = (width, height) if scale >= 1 else (max(8, round(width * scale)), max(8, round(height * scale)))
-        factors = np.array([size[0] / width, size[1] / height, 1.0])
         arrays = {}
         for name in ("pixels", *_MAPS):
             values = getattr(self, name)
@@ -110,8 +108,7 @@ class DetailCrop:
             smaller = cv2.resize(source, size, interpolation=cv2.INTER_AREA)
             # All pixels of a mask that are averaged have to belong to it.
             arrays[name] = smaller == 255 if values.dtype == bool else smaller
-        K = self.camera.K * factors[:, None]
-        return replace(self, **arrays, camera=replace(self.camera, K=K, width=size[0], height=size[1]))
+        return replace(self, **arrays, camera=self.camera.resized(*size))
 
     def random_window(self, n_pixels: int, random: np.random.Generator) -> DetailCrop:
         """Return a window of about `n_pixels` around a random pixel to which the object contributes."""

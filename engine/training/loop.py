@@ -18,7 +18,7 @@ from ..scene import Gaussians
 from .adam import AdamState
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .compilation import compile_kernels
-from .coverage import Coverage, reduced_camera
+from .coverage import Coverage
 from .cpu_steps import CpuSteps
 from .guards import check_result, check_start, clamp_parameters, translate_out_of_memory
 from .held_out import MAX_MEASURED_PHOTOS, Clock, CurvePoint, flat_psnr, mean_color, measure, write_picture
@@ -334,7 +334,7 @@ class _TrainingRun:
         views = schedule.trained_on(state.step)
         cameras = [self.pyramid.views[views[i]].pinhole for i in evenly_spaced_indices(len(views), MAX_CAMERAS)]
         changes = changes_by_removal(
-            state.parameters.values, [reduced_camera(camera, SIDE) for camera in cameras],
+            state.parameters.values, [camera.reduced(SIDE) for camera in cameras],
             backend=self.settings.backend, sh_degree=self._sh_degree(), generator=schedule.generator(state.step, THIN),
         )  # fmt: skip
         thin(state.parameters, changes, n)

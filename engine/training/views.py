@@ -264,8 +264,7 @@ def _make_level(view: TrainingView, reductions: int, settings: FeatureSettings, 
     pinhole, pixels, labels, valid = view.pinhole, view.pixels, view.labels, view.valid
     if reductions:
         width, height = (max(8, round(side * 2.0 ** (-reductions / 2))) for side in (pinhole.width, pinhole.height))
-        factors = np.array([width / pinhole.width, height / pinhole.height, 1.0])
-        pinhole = PinholeCamera(pinhole.viewmat, pinhole.K * factors[:, None], width, height)
+        pinhole = pinhole.resized(width, height)
         pixels = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
         if labels is not None:
             labels = np.asarray(cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST_EXACT))

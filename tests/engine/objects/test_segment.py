@@ -24,7 +24,6 @@ from engine.objects.votes import MaskEvidence, Votes, count_votes
 from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
 from engine.project.objects import list_objects, load_membership
-from engine.scene.camera import PinholeCamera
 from tests.engine.install.models.weights import fetched
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, as_pinhole, make_scene
@@ -274,8 +273,9 @@ def test_what_photos_take_for_a_part_of_the_object_but_nothing_connects_with_it_
     shown = blobs.labels["view_1.png"] == RED
     rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
     whole = as_pinhole(blobs.cameras.cameras[1])
-    K = whole.K - np.array([[0, 0, columns[0]], [0, 0, rows[0]], [0, 0, 0]])
-    view = views.from_anywhere(PinholeCamera(whole.viewmat, K, int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1))
+    view = views.from_anywhere(
+        whole.part(columns[0], rows[0], int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1),
+    )
     mask = shown[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     evidence = MaskEvidence(view, view.from_photo(mask), 1.0)
     graph, votes = context.graph, count_votes(views, evidence, context.graph.pixels)

@@ -46,8 +46,7 @@ def detail_scene(*, gain: float = 0.9) -> DetailScene:
     crops = []
     for number in range(N_VIEWS):
         small = as_pinhole(camera_at(0.2 + 2 * np.pi * number / N_VIEWS, f"view_{number}.png"))
-        factors = np.array([SCALE, SCALE, 1.0])
-        camera = replace(small, K=small.K * factors[:, None], width=SCALE * small.width, height=SCALE * small.height)
+        camera = small.scaled(SCALE)
         seen = Scene(fine).render(camera, color=True)
         share = Scene(scene.gaussians).share(small, red)
         alone = Scene(own).render(small, color=True).alpha
