@@ -13,6 +13,7 @@ from typing import NoReturn, TypeVar
 
 from ..core.errors import CameraError, Cancelled, DiskError
 from ..core.events import StopCheck
+from ..core.files import delete_derived
 from .colmap import pycolmap
 
 _LOG = logging.getLogger(__name__)
@@ -53,6 +54,32 @@ def opened_database(path: Path) -> Iterator[pycolmap.Database]:
         yield database
 
 
+def create_database(path: Path) -> None:
+    """Create a COLMAP database, instead of what an ended run left under its name.
+
+    Raises
+    ------
+    CameraError, DiskError
+        When it cannot be written.
+    """
+    for leftover in path.parent.glob(path.name + "*"):
+        delete_derived(leftover.parent, leftover.name)
+    require_free_space(path.parent)
+    with opened_database(path):
+        pass
+
+
+def verified_pairs(database: pycolmap.Database, at_least: int) -> list[tuple[int, int, int]]:
+    """Return the pairs with at least so many verified matches as (first image id, second, matches), sorted."""
+    pairs = zip(*database.read_two_view_geometry_num_inliers(), strict=True)
+    return sorted((*pycolmap.pair_id_to_image_pair(pair_id), count) for pair_id, count in pairs if count >= at_least)
+
+
+def lens_of(model: pycolmap.Reconstruction, image_id: int) -> pycolmap.Camera:
+    """Return the lens of a photo, which keeps its model alive, as ``image.camera`` does not."""
+    return model.camera(model.image(image_id).camera_id)
+
+
 def require_free_space(folder: Path) -> None:
     """Raise `DiskError` when the disk of `folder` is nearly full.
 
@@ -84,7 +111,7 @@ def wait_for(
     what: str,
     call: Callable[[pycolmap.CancellationToken], Result],
     *,
-    report: Callable[[], None],
+    report: Callable[[], None] = lambda: None,
     should_stop: StopCheck,
 ) -> Result:
     """Return the result of `call`, which runs in another thread; this thread reports progress and checks for a stop.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..core.arrays import Float64
 from ..core.events import StopCheck
 from .colmap import pycolmap
-from .colmap_calls import opened_database
+from .colmap_calls import lens_of, opened_database, verified_pairs
 from .lens_trials import LensTrial, ModelTrials, tried_lenses, with_aspect
 
 _MIN_MATCHES = 30
@@ -252,8 +252,7 @@ def fit_of_pairs(model: pycolmap.Reconstruction, database: Path) -> tuple[PairFi
     """
     placed = set(model.reg_image_ids())
     with opened_database(database) as opened:
-        pair_ids, counts = opened.read_two_view_geometry_num_inliers()
-        pairs = [(*pycolmap.pair_id_to_image_pair(pair_id), n) for pair_id, n in zip(pair_ids, counts, strict=True)]
+        pairs = verified_pairs(opened, _MIN_MATCHES)
         found = strongest_pairs((a, b, n) for a, b, n in pairs if a in placed and b in placed)
         keypoints: dict[int, Float64] = {}
         fits = []
@@ -271,9 +270,7 @@ def strong_links(model: pycolmap.Reconstruction, database: Path) -> int:
     """Return the number of pairs with at least 30 verified matches of which `model` places one photo."""
     placed = set(model.reg_image_ids())
     with opened_database(database) as opened:
-        pair_ids, counts = opened.read_two_view_geometry_num_inliers()
-    strong = [pycolmap.pair_id_to_image_pair(i) for i, n in zip(pair_ids, counts, strict=True) if n >= _MIN_MATCHES]
-    return sum((a in placed) != (b in placed) for a, b in strong)
+        return sum((a in placed) != (b in placed) for a, b, _ in verified_pairs(opened, _MIN_MATCHES))
 
 
 def strongest_pairs(pairs: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
@@ -291,9 +288,9 @@ def strongest_pairs(pairs: Iterable[tuple[int, int, int]]) -> list[tuple[int, in
 
 def epipolar_distances(model: pycolmap.Reconstruction, a: int, b: int, at_a: Float64, at_b: Float64) -> Float64:
     """Return the distances [M] of matches from their epipolar lines in pixels, by Sampson's approximation."""
-    first, second = model.image(a), model.image(b)
-    lens_a, lens_b = model.camera(first.camera_id), model.camera(second.camera_id)
-    essential = pycolmap.essential_matrix_from_pose(second.cam_from_world() * first.cam_from_world().inverse())
+    first, second = model.image(a).cam_from_world(), model.image(b).cam_from_world()
+    lens_a, lens_b = lens_of(model, a), lens_of(model, b)
+    essential = pycolmap.essential_matrix_from_pose(second * first.inverse())
     squared = pycolmap.compute_squared_sampson_error(lens_a.cam_from_img(at_a), lens_b.cam_from_img(at_b), essential)
     focal = 0.5 * (lens_a.mean_focal_length() + lens_b.mean_focal_length())
     # A point that a lens cannot see agrees with nothing.
@@ -417,7 +414,8 @@ def missing_share(model: pycolmap.Reconstruction) -> float:
             if np.median(cosine) < _NEAR_COSINE:
                 continue
             inside = _is_in_picture(model, second, points)
-            size = _focal(model, second) * lengths / (_focal(model, first) * np.linalg.norm(others, axis=1))
+            focals = [lens_of(model, image_id).mean_focal_length() for image_id in (first, second)]
+            size = focals[1] * lengths / (focals[0] * np.linalg.norm(others, axis=1))
             if inside.mean() < 0.5 or not 1.0 / _SAME_SIZE < np.median(size) < _SAME_SIZE:
                 continue
             near += 1
@@ -439,14 +437,8 @@ def _nearly_along(points: Float64, rays: Float64, centers: Float64) -> NDArray[n
     return np.asarray(np.median(cosine, axis=0) >= _NEAR_COSINE - 1e-6)
 
 
-def _focal(model: pycolmap.Reconstruction, image_id: int) -> float:
-    return float(model.camera(model.image(image_id).camera_id).mean_focal_length())
-
-
 def _is_in_picture(model: pycolmap.Reconstruction, image_id: int, points: Float64) -> NDArray[np.bool_]:
-    image = model.image(image_id)
-    lens = model.camera(image.camera_id)
-    pose = image.cam_from_world().matrix()
+    lens, pose = lens_of(model, image_id), model.image(image_id).cam_from_world().matrix()
     local = points @ pose[:, :3].T + pose[:, 3]
     front = local[:, 2] > 0
     inside = np.zeros(len(points), bool)

@@ -16,8 +16,7 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
-from .colmap import pycolmap
-from .colmap_calls import opened_database
+from .colmap_calls import opened_database, verified_pairs
 
 _MIN_MATCHES = 15
 """Verified matches from which on a pair counts: COLMAP's own bound."""
@@ -132,21 +131,19 @@ def largest_gap(scales: Sequence[float]) -> float:
     return float(np.exp(steps[_MIN_GROUP - 1 : len(steps) - _MIN_GROUP + 1].max()))
 
 
+def _parts(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> NDArray[np.int32]:
+    """Return for each id, [N], the number of its part, of those that `pairs` connect."""
+    index = {image_id: number for number, image_id in enumerate(ids)}
+    ends = np.array([(index[a], index[b]) for a, b, _, _ in pairs], np.intp).reshape(-1, 2)
+    links = csr_array((np.ones(len(pairs)), (ends[:, 0], ends[:, 1])), shape=(len(ids), len(ids)))
+    parts: NDArray[np.int32] = connected_components(links, directed=False)[1]
+    return parts
+
+
 def _most_connected(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> list[int]:
     """Return the ids of the largest part that `pairs` connect."""
-    part = {image_id: image_id for image_id in ids}
-
-    def first_of(image_id: int) -> int:
-        while part[image_id] != image_id:
-            image_id = part[image_id]
-        return image_id
-
-    for a, b, _, _ in pairs:
-        part[first_of(b)] = first_of(a)
-    parts: dict[int, list[int]] = {}
-    for image_id in ids:
-        parts.setdefault(first_of(image_id), []).append(image_id)
-    return max(parts.values(), key=len, default=[])
+    parts = _parts(ids, pairs)
+    return [ids[index] for index in np.flatnonzero(parts == np.bincount(parts).argmax())]
 
 
 def _size_ratios(database: Path) -> tuple[list[int], list[tuple[int, int, int, float]]]:
@@ -158,11 +155,7 @@ def _size_ratios(database: Path) -> tuple[list[int], list[tuple[int, int, int, f
     with opened_database(database) as opened:
         ids = sorted(image.image_id for image in opened.read_all_images())
         sizes = {image_id: feature_sizes(np.asarray(opened.read_keypoints(image_id))) for image_id in ids}
-        pair_ids, counts = opened.read_two_view_geometry_num_inliers()
-        for pair_id, count in zip(pair_ids, counts, strict=True):
-            if count < _MIN_MATCHES:
-                continue
-            a, b = pycolmap.pair_id_to_image_pair(pair_id)
+        for a, b, count in verified_pairs(opened, _MIN_MATCHES):
             rows = np.asarray(opened.read_two_view_geometry(a, b).inlier_matches)
             ratio = float(np.median(np.log(sizes[b][rows[:, 1]] / sizes[a][rows[:, 0]])))
             pairs.append((a, b, count, ratio))
@@ -180,7 +173,7 @@ def balanced_scales(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, flo
     weights = strength
     values = np.zeros(len(ids))
     held = _HELD * eye_array(len(ids), format="csr")
-    part = connected_components(abs(differences).T @ abs(differences))[1]
+    part = _parts(ids, pairs)
     for _ in range(_SWEEPS):
         weighted = differences.T * weights**2
         values = spsolve(csc_array(weighted @ differences + held), weighted @ ratios)

@@ -19,7 +19,7 @@ from ..core.system import free_memory, native_path, replace_file
 from ..project.folder import stage_key
 from ..scene import Camera, Photo, PhotoSet, is_fisheye
 from .colmap import pycolmap
-from .colmap_calls import is_whole_database, opened_database, require_free_space, translated, wait_for
+from .colmap_calls import create_database, is_whole_database, opened_database, require_free_space, translated, wait_for
 from .feature_scales import feature_sizes
 from .matching import copy_for_mapping, match_pairs
 from .pairs import Pair, all_pairs, largest_descriptors, largest_rows, promising_pairs
@@ -190,11 +190,7 @@ def match_posed_photos(
 def _create_database(workspace: SfmWorkspace) -> None:
     """Write photos and lenses to a database, which is renamed at the end so that it is complete or missing."""
     unfinished = workspace.database.with_name("database.db.new")
-    for leftover in workspace.database.parent.glob(unfinished.name + "*"):
-        delete_derived(leftover.parent, leftover.name)
-    require_free_space(workspace.database.parent)
-    with opened_database(unfinished):
-        pass  # created
+    create_database(unfinished)
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = workspace.settings.model
     if is_fisheye(workspace.settings.model):
@@ -262,33 +258,18 @@ def _detect(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) ->
         report(_COPIED + (_DETECTED - _COPIED) * done / len(names), f"features in {done} of {len(names)} photos")
         wait_for(
             "detecting features in the photos",
-            functools.partial(_extract, workspace, batch, reader, options),
-            report=_no_progress,
+            functools.partial(
+                pycolmap.extract_features,
+                workspace.database,
+                workspace.images,
+                batch,
+                pycolmap.CameraMode.PER_FOLDER,
+                reader,
+                options,
+                pycolmap.Device.cpu,
+            ),
             should_stop=should_stop,
         )
-
-
-def _extract(
-    workspace: SfmWorkspace,
-    names: list[str],
-    reader: pycolmap.ImageReaderOptions,
-    options: pycolmap.FeatureExtractionOptions,
-    token: pycolmap.CancellationToken,
-) -> None:
-    pycolmap.extract_features(
-        workspace.database,
-        workspace.images,
-        names,
-        pycolmap.CameraMode.PER_FOLDER,
-        reader,
-        options,
-        pycolmap.Device.cpu,
-        token,
-    )
-
-
-def _no_progress() -> None:
-    """Report no progress within a batch."""
 
 
 class LargestFeatures(NamedTuple):

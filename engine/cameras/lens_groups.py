@@ -20,7 +20,7 @@ import numpy as np
 from ..core.errors import DiskError
 from ..core.events import StopCheck
 from .colmap import pycolmap
-from .colmap_calls import opened_database
+from .colmap_calls import lens_of, opened_database
 from .feature_scales import SIZES_DIFFER, photos_at_gap, relative_scales, scale_groups, size_gap
 from .features import SfmWorkspace
 from .lens_trials import LensTrial, ModelTrials, capped_error, tried_apart, tried_lenses
@@ -97,7 +97,7 @@ def map_with_lenses(
             if sample is not None:
                 running.callback(sample.end)
         models = map_photos(workspace, (), should_stop)
-        largest = _largest(models)
+        largest = largest_model(models)
         if workspace.lenses or largest is None or largest.num_reg_images() < 3:
             return models, None
         trials = ModelTrials.begun(largest, workspace.sparse.parent, beside, should_stop=should_stop)
@@ -178,7 +178,7 @@ class _Sample:
             return self._map_photos(self._workspace, names, self._should_stop)
 
         few = mapped()
-        largest = _largest(few)
+        largest = largest_model(few)
         if largest is None or largest.num_reg_images() < 3:
             return True
         own = tried_apart(largest, "own", self._workspace.sparse.parent, should_stop=self._should_stop)
@@ -222,7 +222,7 @@ class _Search:
         map_again : callable
             Maps the same photos with the lenses in the database.
         """
-        largest = _largest(models)
+        largest = largest_model(models)
         assert largest is not None
         differ = lenses_differ(largest, own)
 
@@ -234,7 +234,7 @@ class _Search:
         for number in _COUNTS:
             groups = _by_scale(self.first_lenses, self.scales, number)
             found = mapped(groups) if groups else []
-            model = _largest(found)
+            model = largest_model(found)
             if model is None or not (
                 _is_better(model, largest)
                 or (self.several_sizes and _has_zooms(model) and _is_better(model, largest, 1.0))
@@ -247,14 +247,14 @@ class _Search:
                 return best, own
         # Lenses of their own begin with what fits the first model, if that shows that they differ.
         of_each = mapped([(lens, [i]) for i, lens in sorted(own.lenses.items())] if differ else [])
-        alone = _largest(of_each)
+        alone = largest_model(of_each)
         if alone is None or not _is_better(alone, largest):
             return best, own
         first = largest
-        lenses = {i: alone.camera(alone.image(i).camera_id) for i in alone.reg_image_ids()}
+        lenses = {i: lens_of(alone, i) for i in alone.reg_image_ids()}
         for group_of, width in self._attempts():
             found = mapped(group_by_focal(lenses, group_of, width))
-            model = _largest(found)
+            model = largest_model(found)
             if model is None or not _is_better(model, largest):
                 continue
             best, largest = found, model
@@ -298,7 +298,7 @@ def _size_groups(first_lenses: Sequence[Group], scales: dict[int, float]) -> lis
 
 def _has_zooms(model: pycolmap.Reconstruction) -> bool:
     """Return whether the focal lengths of `model` differ as zooms do."""
-    focals = [model.camera(model.image(i).camera_id).mean_focal_length() for i in model.reg_image_ids()]
+    focals = [lens_of(model, i).mean_focal_length() for i in model.reg_image_ids()]
     return max(focals) >= SIZES_DIFFER * min(focals)
 
 
@@ -403,7 +403,8 @@ def _first_lenses(workspace: SfmWorkspace) -> list[Group]:
     ]
 
 
-def _largest(models: list[pycolmap.Reconstruction]) -> pycolmap.Reconstruction | None:
+def largest_model(models: list[pycolmap.Reconstruction]) -> pycolmap.Reconstruction | None:
+    """Return the model with the most photos, and of several the one with the most points; None without any."""
     return max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
 
 

@@ -25,7 +25,7 @@ from ..core.child_process import ChildFailure, child_beside
 from ..core.errors import CameraError, Cancelled, DiskError
 from ..core.events import StopCheck, never_stop
 from .colmap import pycolmap
-from .colmap_calls import require_free_space, translated, wait_for
+from .colmap_calls import lens_of, require_free_space, translated, wait_for
 
 _LARGEST_ERROR = 10.0
 """Pixels that one point counts at most: points that a trial throws behind a camera have no error."""
@@ -37,6 +37,7 @@ _POINTS_PER_PHOTO = 80
 """Points of a trial for each placed photo. More change no finding and take longer."""
 
 
+@dataclass(frozen=True)
 class LensTrial:
     """A model with one lens per photo after bundle adjustment.
 
@@ -49,15 +50,14 @@ class LensTrial:
         Refined lens by image id; empty when the adjustment failed.
     """
 
-    def __init__(self, before: float, error: float, lenses: dict[int, pycolmap.Camera]) -> None:
-        self.before = before
-        self.error = error
-        self.lenses = lenses
+    before: float
+    error: float
+    lenses: dict[int, pycolmap.Camera]
 
     def focal_ratios(self, model: pycolmap.Reconstruction) -> dict[int, float]:
         """Return the focal length of each photo relative to that in `model`, by image id."""
         return {
-            image_id: lens.mean_focal_length() / _lens_of(model, image_id).mean_focal_length()
+            image_id: lens.mean_focal_length() / lens_of(model, image_id).mean_focal_length()
             for image_id, lens in self.lenses.items()
         }
 
@@ -130,11 +130,11 @@ def tried_lenses(
     # Not `pycolmap.bundle_adjustment`, which turns COLMAP's log messages on.
     adjuster = pycolmap.create_default_bundle_adjuster(options, config, trial)
     try:
-        wait_for(_WHAT, lambda token: adjuster.solve(), report=lambda: None, should_stop=should_stop)
+        wait_for(_WHAT, lambda token: adjuster.solve(), should_stop=should_stop)
     except CameraError:
         return LensTrial(before, float("inf"), {})
     trial.update_point_3d_errors()
-    lenses = {image_id: _lens_of(trial, image_id) for image_id in sorted(trial.reg_image_ids())}
+    lenses = {image_id: lens_of(trial, image_id) for image_id in sorted(trial.reg_image_ids())}
     if not all(np.isfinite(lens.params).all() and lens.mean_focal_length() > 0 for lens in lenses.values()):
         return LensTrial(before, float("inf"), {})
     return LensTrial(before, capped_error(trial), lenses)
@@ -245,10 +245,6 @@ def _points_of_trial(model: pycolmap.Reconstruction) -> list[int]:
     return sorted(by_length[:count])
 
 
-def _lens_of(model: pycolmap.Reconstruction, image_id: int) -> pycolmap.Camera:
-    return model.camera(model.image(image_id).camera_id)
-
-
 def _with_own_lenses(
     model: pycolmap.Reconstruction, point_ids: list[int], change: Callable[[pycolmap.Camera], pycolmap.Camera]
 ) -> pycolmap.Reconstruction:
@@ -256,7 +252,7 @@ def _with_own_lenses(
     trial = pycolmap.Reconstruction()
     for image_id in sorted(model.reg_image_ids()):
         image = model.image(image_id)
-        lens = change(_lens_of(model, image_id))
+        lens = change(lens_of(model, image_id))
         lens.camera_id = image_id
         trial.add_camera_with_trivial_rig(lens)
         own = pycolmap.Image(name=image.name, camera_id=image_id, image_id=image_id)

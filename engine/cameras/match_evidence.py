@@ -16,7 +16,7 @@ from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.events import Emit, StopCheck
 from ..scene import Camera, PhotoSet
-from .colmap_calls import opened_database
+from .colmap_calls import opened_database, verified_pairs
 from .features import match_posed_photos
 from .orientation import GivenCamera, OrientationChoice
 from .settings import CameraSettings
@@ -166,18 +166,8 @@ def _matches(
             copy = workspace.copy_of(name)
             scale = (copy.photo.width / copy.width, copy.photo.height / copy.height)
             keypoints[image_id] = np.asarray(database.read_keypoints(image_id), np.float64)[:, :2] * scale
-        for first in names:
-            for second in names:
-                if first < second and database.exists_two_view_geometry(first, second):
-                    rows = np.asarray(database.read_two_view_geometry(first, second).inlier_matches)
-                    if len(rows) >= _MIN_MATCHES:
-                        photos_of = [workspace.copy_of(names[one]).photo.name for one in (first, second)]
-                        pairs.append(
-                            _Pair(
-                                index_of[photos_of[0]],
-                                index_of[photos_of[1]],
-                                keypoints[first][rows[:, 0]],
-                                keypoints[second][rows[:, 1]],
-                            )
-                        )
+        for first, second, _ in verified_pairs(database, _MIN_MATCHES):
+            rows = np.asarray(database.read_two_view_geometry(first, second).inlier_matches)
+            ends = [index_of[workspace.copy_of(names[one]).photo.name] for one in (first, second)]
+            pairs.append(_Pair(ends[0], ends[1], keypoints[first][rows[:, 0]], keypoints[second][rows[:, 1]]))
     return pairs

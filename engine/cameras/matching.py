@@ -25,7 +25,7 @@ from ..core.settings import to_dict
 from ..core.shares import Need, count_taken, helper_places, run_shares, taken_items
 from ..core.system import free_memory
 from .colmap import pycolmap
-from .colmap_calls import is_whole_database, opened_database, require_free_space, wait_for
+from .colmap_calls import create_database, is_whole_database, require_free_space, wait_for
 from .processes import MATCHING_BYTES, MIN_PAIRS, cores_for, matching_processes
 from .settings import CameraSettings
 
@@ -127,11 +127,7 @@ def copy_for_mapping(database: Path, own: Path) -> None:
     DiskError
         When the disk is full.
     """
-    for leftover in own.parent.glob(own.name + "*"):
-        delete_derived(leftover.parent, leftover.name)
-    require_free_space(own.parent)
-    with opened_database(own):
-        pass  # with COLMAP's tables
+    create_database(own)
     with _opened(own) as opened:
         opened.execute("ATTACH ? AS whole", (str(database),))
         with opened:
@@ -159,8 +155,7 @@ def match_share(database: str, folder: str, settings: dict[str, Any]) -> None:
     shares, chosen = Path(folder), CameraSettings(**settings)
     batches = read_json(shares / _BATCHES_FILE, [[[str]]], advice="Run again.")
     own = Path(tempfile.mkdtemp(prefix="process-", dir=shares)) / "database.db"
-    with opened_database(own):
-        pass  # with COLMAP's tables
+    create_database(own)
     for number in taken_items(shares, len(batches)):
         _copy_features(Path(database), own, {name for pair in batches[number] for name in pair})
         _match(own, batches[number], chosen, left=lambda count: None, should_stop=never_stop)
@@ -199,7 +194,6 @@ def _match(
             lambda token: pycolmap.match_image_pairs(
                 database, matching, pairing, verification, pycolmap.Device.cpu, token
             ),
-            report=lambda: None,
             should_stop=should_stop,
         )
     left(0)

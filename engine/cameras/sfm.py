@@ -18,12 +18,12 @@ from ..core.events import Emit, Metric, Progress, StopCheck, Warned, ignore_even
 from ..core.files import delete_derived
 from ..scene import CameraHealth, CameraSet, PhotoSet
 from .colmap import pycolmap
-from .colmap_calls import wait_for
+from .colmap_calls import lens_of, wait_for
 from .evidence import Evidence, PairFit, fit_of_pairs, measure_model, panorama_gain, strong_links, turned_share
 from .feature_scales import size_gap
 from .features import SfmWorkspace, match_features
 from .health import TURNED, judge, refuted_images
-from .lens_groups import map_with_lenses
+from .lens_groups import largest_model, map_with_lenses
 from .lens_trials import ModelTrials
 from .mirrored import mirrored_photos
 from .reconstruction import camera_in_photo, camera_set, points_of, rounded, viewmat_of
@@ -115,7 +115,7 @@ def _mapped_and_checked(
         return _map(where, names, progress if where is workspace else _ProgressReporter(ignore_events), should_stop)
 
     models, trials = map_with_lenses(workspace, map_photos, beside=beside, should_stop=should_stop)
-    largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
+    largest = largest_model(models)
     placed = largest.num_reg_images() if largest is not None else 0
     still = still_background(workspace) if placed < count else None
     if largest is None or placed < least:
@@ -269,7 +269,7 @@ def _check(
     """Return what the photos say against the cameras of `model`."""
     pairs: tuple[PairFit, ...] = fit_of_pairs(model, workspace.database)
     kept = set(_photo_names(workspace, model))
-    lenses = {image_id: model.camera(model.image(image_id).camera_id) for image_id in model.reg_image_ids()}
+    lenses = {image_id: lens_of(model, image_id) for image_id in model.reg_image_ids()}
     evidence = Evidence(
         n_photos=len(workspace.copies),
         n_placed=model.num_reg_images(),
@@ -301,7 +301,7 @@ def _as_camera_set(workspace: SfmWorkspace, model: pycolmap.Reconstruction, heal
         if photo.name in left_out:
             continue
         cameras.append(
-            camera_in_photo(photo.name, model.camera(image.camera_id), photo.width, photo.height, viewmat_of(image))
+            camera_in_photo(photo.name, lens_of(model, image_id), photo.width, photo.height, viewmat_of(image))
         )
     points, colors = points_of(model)
     return rounded(

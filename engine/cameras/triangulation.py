@@ -61,7 +61,6 @@ def triangulate(
         lambda token: pycolmap.triangulate_points(
             model, workspace.database, workspace.images, workspace.sparse, True, options, False, token
         ),
-        report=lambda: None,
         should_stop=should_stop,
     )
     points, colors = points_of(model)
