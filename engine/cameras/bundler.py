@@ -15,16 +15,13 @@ from numpy.typing import NDArray
 
 from ..core.errors import CameraError, FormatError
 from ..core.files import read_bytes, read_text
-from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER
+from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, is_rotation
 from .model_reading import write_model_arrays
-from .reconstruction import is_rotation
 
 _ADVICE = "Export it again with the list of its pictures, or export a COLMAP model."
 _MAX_BYTES = 128 << 20
 _MAX_POINTS = 5_000_000
 _OPENGL = np.diag([1.0, -1.0, -1.0])
-_ROTATION_TOLERANCE = 1e-3
-"""Largest error of the products of a rotation's rows; some programs write 6 digits."""
 _CAMERA_NUMBERS, _VIEW_NUMBERS = 15, 4
 
 
@@ -89,7 +86,7 @@ def _read(words: list[bytes], names: list[str], target: Path) -> dict[str, Any]:
         if not values[0] > 0.0:
             continue  # not placed
         rotation, translation = _OPENGL @ values[3:12].reshape(3, 3), _OPENGL @ values[12:]
-        if not is_rotation(rotation, tolerance=_ROTATION_TOLERANCE):
+        if not is_rotation(rotation):
             raise ValueError(f"the rotation of {names[camera]} is scaled, skewed or mirrored")
         if np.abs(values[:3]).max() > MAX_LENS_PARAMETER or np.abs(translation).max() > MAX_COORDINATE:
             raise ValueError(f"the camera of {names[camera]} has numbers that are too large")

@@ -15,17 +15,14 @@ import numpy as np
 
 from ..core.arrays import Float64
 from ..core.errors import CameraError
-from ..scene import MAX_COORDINATE, MAX_PHOTO_SIDE
+from ..scene import MAX_COORDINATE, MAX_PHOTO_SIDE, is_rotation
 from .brown_lens import BrownLens
 from .model_reading import write_model_arrays
-from .reconstruction import is_rotation
 from .safe_xml import numbers_of, parsed_xml
 
 _ADVICE = "Export the cameras again as XML, or as a COLMAP model (File > Export > Export Cameras > Colmap)."
 _FRAME, _FISHEYE = ("frame",), ("fisheye", "equidistant_fisheye")
 _OFF = ("false", "0", "no")
-_ROTATION_TOLERANCE = 1e-3
-"""Largest error of the products of a rotation's rows; Metashape writes 16 digits."""
 
 
 def metashape_in_child(source: str, target: str, what: str) -> dict[str, Any]:
@@ -113,13 +110,13 @@ def _similarity(transform: ET.Element | None) -> Float64 | None:
         if translation is not None:
             matrix[:3, 3] = numbers_of(translation.text, 3)
     size = float(np.cbrt(np.linalg.det(matrix[:3, :3]))) if np.isfinite(matrix).all() else 0.0
-    if not size > 0.0 or not is_rotation(matrix[:3, :3] / size, tolerance=_ROTATION_TOLERANCE):
+    if not size > 0.0 or not is_rotation(matrix[:3, :3] / size):
         raise ValueError("the transform of a chunk or a component is not a rotation, a scale and a translation")
     return matrix
 
 
 def _viewmat(matrix: Float64, to_world: Float64 | None, name: str) -> Float64:
-    if not (np.isfinite(matrix).all() and is_rotation(matrix[:3, :3], tolerance=_ROTATION_TOLERANCE)):
+    if not (np.isfinite(matrix).all() and is_rotation(matrix[:3, :3])):
         raise ValueError(f"the transform of the camera {name} is not a rotation and a translation")
     rotation, center = matrix[:3, :3], matrix[:3, 3]
     if to_world is not None:

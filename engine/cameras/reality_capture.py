@@ -20,10 +20,9 @@ import numpy as np
 from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.files import read_bytes
-from ..scene import MAX_COORDINATE
+from ..scene import MAX_COORDINATE, is_rotation
 from .brown_lens import BrownLens
 from .model_reading import write_model_arrays
-from .reconstruction import is_rotation
 from .safe_xml import numbers_of, parsed_xml
 
 _CSV_ADVICE = (
@@ -38,8 +37,6 @@ _MAX_BYTES = 64 << 20
 _LENS = ("k1", "k2", "k3", "k4", "t1", "t2")
 _ALIASES = {"yaw": "heading", "z": "alt", "f_35mm": "f", "px_norm": "px", "py_norm": "py"}
 _POSE = ("x", "y", "alt", "heading", "pitch", "roll")
-_ROTATION_TOLERANCE = 1e-3
-"""Largest error of the products of a rotation's rows; the programs write 15 digits, people who edit files fewer."""
 _OPENGL = np.diag([1.0, -1.0, -1.0])
 _RADIAL_MODELS = {"perspective": 0, "brown3": 3, "brown4": 4, "brown3t2": 5, "brown4t2": 6}
 
@@ -128,7 +125,7 @@ def _turn(axis: int, angle: float) -> Float64:
 
 
 def _viewmat(rotation: Float64, position: Float64) -> Float64:
-    if not (np.isfinite(rotation).all() and is_rotation(rotation, tolerance=_ROTATION_TOLERANCE)):
+    if not (np.isfinite(rotation).all() and is_rotation(rotation)):
         raise ValueError("a rotation is scaled, skewed or mirrored")
     left, _, right = np.linalg.svd(rotation)
     viewmat = np.eye(4)

@@ -37,12 +37,6 @@ def camera_in_photo(photo: str, lens: pycolmap.Camera, width: int, height: int, 
     return Camera(photo, width, height, scaled.model_name, tuple(float(value) for value in scaled.params), viewmat)
 
 
-def is_rotation(matrix: Float64, *, tolerance: float = 1e-6) -> bool:
-    """Return whether the finite `matrix` [3, 3] is a rotation; `tolerance` is that of the products of its rows."""
-    is_orthogonal = np.abs(matrix @ matrix.T - np.eye(3)).max() <= tolerance
-    return bool(is_orthogonal and np.linalg.det(matrix) > 0.0)
-
-
 def is_scaled(size: tuple[float, float], photo: tuple[float, float]) -> bool:
     """Return whether `size` can be the size (width, height) of the `photo` at another scale, with rounded sides."""
     (w, h), (width, height) = size, photo

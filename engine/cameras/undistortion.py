@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from ..core.arrays import Float64
 from ..core.errors import CameraError
 from ..core.files import parse_json, read_json
-from ..scene import Camera, Lens, PinholeCamera, focal_and_center, lens_pixels
+from ..scene import Camera, Lens, PinholeCamera, focal_and_center, is_rotation, lens_pixels
 from .colmap import pycolmap
-from .reconstruction import is_rotation
 
 Pixels = TypeVar("Pixels", bound=np.generic)
 Interpolation = Literal["linear", "nearest"]
@@ -232,7 +231,7 @@ def _pinhole_of(data: dict[str, Any], path: str) -> PinholeCamera:
     viewmat = np.array(data["viewmat"], dtype=np.float64)
     if width < 1 or height < 1 or not (fx > 0.0 and fy > 0.0):
         raise CameraError(f"{path} is not a camera: its size and focal lengths must be positive.")
-    if not is_rotation(viewmat[:3, :3], tolerance=1e-3):
+    if not is_rotation(viewmat[:3, :3]):
         raise CameraError(f"{path} is not a camera: the rotation in `viewmat` is scaled, skewed or mirrored.")
     if not np.allclose(viewmat[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
         raise CameraError(f"{path} is not a camera: the last row of `viewmat` must be 0 0 0 1.")

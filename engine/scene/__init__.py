@@ -20,4 +20,4 @@ from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_names import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES, NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .rays import RayCaster, RayHits, photo_ray, surface_point
-from .rotations import rotations_from_quats, unit_quats
+from .rotations import is_rotation, rotations_from_quats, unit_quats

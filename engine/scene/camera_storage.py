@@ -19,6 +19,7 @@ from .camera import MAX_COORDINATE, Camera, CameraSet, similarity_scale
 from .camera_health import HEALTH_COLOURS, CameraHealth
 from .lens import lens_problem
 from .photo_storage import photo_name, size_problem
+from .rotations import is_rotation
 
 _VERSION = 1
 _CAMERAS, _POINTS = "cameras.json", "points.npz"
@@ -166,6 +167,4 @@ def _matrix(rows: list[Any]) -> NDArray[np.float64]:
 
 
 def _is_rigid(matrix: NDArray[np.float64]) -> bool:
-    rotation = matrix[:3, :3]
-    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _RIGID_TOLERANCE and np.linalg.det(rotation) > 0
-    return bool(is_rotation and (matrix[3] == (0, 0, 0, 1)).all())
+    return is_rotation(matrix[:3, :3], tolerance=_RIGID_TOLERANCE) and bool((matrix[3] == (0, 0, 0, 1)).all())

@@ -1,4 +1,4 @@
-"""Rotations of Gaussians: quaternions, wxyz, and matrices that map own axes to world axes. NumPy only."""
+"""Rotations: matrices, and quaternions of Gaussians, wxyz, which map own axes to world axes. NumPy only."""
 
 from __future__ import annotations
 
@@ -10,6 +10,15 @@ from numpy.typing import NDArray
 from ..core.arrays import Float64
 
 _Float = TypeVar("_Float", np.float32, np.float64)
+
+
+def is_rotation(matrix: NDArray[np.float64], *, tolerance: float = 1e-3) -> bool:
+    """Return whether the finite `matrix` [3, 3] is a rotation.
+
+    `tolerance` is that of the products of its rows: some programs write 6 digits, people who edit files fewer.
+    """
+    is_orthogonal = np.abs(matrix @ matrix.T - np.eye(3)).max() <= tolerance
+    return bool(is_orthogonal and np.linalg.det(matrix) > 0.0)
 
 
 def unit_quats(quats: NDArray[_Float]) -> NDArray[_Float]:
