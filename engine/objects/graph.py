@@ -127,7 +127,11 @@ class SceneGraph:
     @cached_property
     def _segment_pixels(self) -> Float32:
         """Pixels of each segment, without the rest of the photos."""
-        return np.asarray(self.segments.sum(axis=0), np.float32).ravel()[self.is_segment]
+        return self._column_pixels[self.is_segment]
+
+    @cached_property
+    def _column_pixels(self) -> Float32:
+        return np.asarray(self.segments.sum(axis=0), np.float32).ravel()
 
     def solve(
         self,
@@ -320,24 +324,26 @@ class SceneGraph:
         array of shape [N], float32
             0 to 1. NaN for what other photos show more (`LARGE`), and for all where there are too few outlines.
         """
-        iou, shown = self._segment_ious(csr_matrix(members[None], dtype=np.float32))
-        best = np.zeros_like(shown)
-        np.maximum.at(best.T, self.photo, iou.T)
-        outlines = np.flatnonzero((iou[0] >= least) & (iou[0] == best[0, self.photo]))
-        well = (shown[0] > 0) & (shown[0] >= LARGE * shown[0].max(initial=0))
-        if by_most and (best[0, well] >= least).sum() < LARGE * well.sum():
+        iou, best, well = (of[0] for of in self._segment_ious(csr_matrix(members[None], dtype=np.float32)))
+        outlines = np.flatnonzero((iou >= least) & (iou == best[self.photo]))
+        if by_most and (best[well] >= least).sum() < LARGE * well.sum():
             outlines = outlines[:0]
         inside = np.asarray(self.segments[:, outlines].sum(axis=1), np.float32).ravel()
         seen = self._by_photo[:, np.unique(self.photo[outlines])].sum(axis=1)
         clear = (seen > 0) & (seen >= LARGE * self._all_pixels)
         return np.divide(inside, seen, out=np.full_like(inside, np.nan), where=clear)
 
-    def _segment_ious(self, sets: csr_matrix) -> tuple[Float32, Float32]:
-        """Return the IoU, in pixels, of K sets of Gaussians with each segment, [K, M], and what `shown` returns."""
+    def _segment_ious(self, sets: csr_matrix) -> tuple[Float32, Float32, Mask]:
+        """Return the IoU, in pixels, of K sets of Gaussians with each segment, [K, M], and with the best of each photo.
+
+        The last two are [K, P]; the third tells which photos show each set well (`LARGE`).
+        """
         shown, common = self.shown(sets), np.asarray((sets @ self.segments).toarray(), np.float32)
-        pixels = np.asarray(self.segments.sum(axis=0), np.float32).ravel()
-        union = shown[:, self.photo] + pixels - common
-        return common / np.maximum(union, _SMALLEST) * self.is_segment, shown
+        union = shown[:, self.photo] + self._column_pixels - common
+        iou = common / np.maximum(union, _SMALLEST) * self.is_segment
+        best = np.zeros_like(shown)
+        np.maximum.at(best.T, self.photo, iou.T)
+        return iou, best, (shown > 0) & (shown >= LARGE * shown.max(axis=1, initial=0, keepdims=True))
 
     def outline_agreement(self, sets: csr_matrix) -> Float32:
         """Return how well the photos' segments agree with K sets of Gaussians.
@@ -352,10 +358,7 @@ class SceneGraph:
             The IoU, in pixels, of the set with the segment that fits it best, 0 to 1: the median over the photos that
             show the set well (`LARGE`). 0 for a set that no photo shows.
         """
-        iou, shown = self._segment_ious(sets)
-        best = np.zeros_like(shown)
-        np.maximum.at(best.T, self.photo, iou.T)
-        well = (shown > 0) & (shown >= LARGE * shown.max(axis=1, initial=0, keepdims=True))
+        _, best, well = self._segment_ious(sets)
         return np.array(
             [np.median(row[seen]) if seen.any() else 0 for row, seen in zip(best, well, strict=True)], np.float32
         )
