@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import softmax
 
 from ...core.arrays import Float32, Int64, Mask, Pixels, normalized
 from ...core.words import MADE_CLASSES, word_list
@@ -88,7 +89,7 @@ class AnyWord(CropDescriber):
         """Return the five most probable words of the vocabulary for the object; see `Detector.name_descriptions`."""
         if len(described) == 0:
             return []
-        mean = _softmax(self._logits(described)).mean(axis=(0, 1))
+        mean = softmax(self._logits(described), axis=2).mean(axis=(0, 1))
         best = np.argsort(-mean, kind="stable")[:_MAX_NAMED]
         return [(self._words[int(index)], float(mean[index])) for index in best]
 
@@ -152,8 +153,3 @@ class AnyWord(CropDescriber):
 def _nearest(similarity: Float32) -> Int64:
     """Return the columns of the `_N_ALIKE` largest values of each row."""
     return np.argsort(-similarity, axis=1, kind="stable")[:, :_N_ALIKE]
-
-
-def _softmax(logits: Float32) -> Float32:
-    powers = np.exp(logits - logits.max(axis=-1, keepdims=True))
-    return np.asarray(powers / powers.sum(axis=-1, keepdims=True), np.float32)

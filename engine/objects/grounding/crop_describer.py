@@ -71,20 +71,8 @@ class CropDescriber(Detector, ABC):
         return np.asarray(expit(_STEEPNESS * cosines - _OFFSET), np.float32)
 
     @abstractmethod
-    def example_vectors(self, described: Float32) -> Float32:
-        """See `Detector.example_vectors`."""
-
-    @abstractmethod
     def usual_example(self) -> Float32 | None:
         """Return the mean of `example_vectors` over things in many scenes, [E]; None where it is not known."""
-
-    @abstractmethod
-    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[Mask]) -> Float32:
-        """See `Detector.describe_crops`."""
-
-    @abstractmethod
-    def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
-        """See `Detector.score_descriptions`; rows may also be those of `describe_segments`."""
 
     @abstractmethod
     def describe_segments(self, pixels: Pixels, boxes: Sequence[Box], masks: Sequence[Mask]) -> Float32:

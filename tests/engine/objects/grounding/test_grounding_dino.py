@@ -16,8 +16,7 @@ from engine.core.errors import ModelFileError, PromptError
 from engine.install.models.onnx_session import open_session
 from engine.objects.grounding.detector import Detector
 from engine.objects.grounding.dino_inputs import Tokenizer, normalise_picture, resized_size, to_caption
-from engine.objects.grounding.grounding_dino import GroundingDino, best_segments
-from engine.objects.grounding.settings import GroundingSettings
+from engine.objects.grounding.grounding_dino import GroundingDino, GroundingSettings, best_segments
 from tests.engine.objects.grounding import tiny_dino
 
 KEEP_ALL = GroundingSettings(box_threshold=1e-6, text_threshold=0.5, max_overlap=1.0)
