@@ -94,9 +94,6 @@ def adam_step(
     groups: Sequence[tuple[torch.Tensor, torch.Tensor, float]],
     states: Sequence[AdamState],
     *,
-    beta1: float = BETAS[0],
-    beta2: float = BETAS[1],
-    eps: float = EPS,
     largest: float = LARGEST_STEP,
     threads: int | None = None,
 ) -> None:
@@ -109,10 +106,6 @@ def adam_step(
         moments only.
     states : sequence of AdamState
         One for each parameter, changed in place.
-    beta1, beta2 : float
-        Decay of the running means of the gradient and of its square.
-    eps : float
-        Added to the denominator.
     largest : float
         Largest change of a value, in its learning rate; infinite for the steps of torch.
     threads : int, optional
@@ -137,7 +130,7 @@ def adam_step(
                 f"the gradient of parameter {index} (shape {tuple(groups[index][0].shape)}) is not finite in {n_bad} "
                 "values; lower the learning rate or resume from the last checkpoint."
             )
-    calls = []
+    (beta1, beta2), calls = BETAS, []
     for (parameter, _, rate), gradient, state in zip(groups, gradients, states, strict=True):
         for tensor in (parameter, state.mean, state.square):
             if not tensor.is_contiguous() or tensor.dtype != torch.float32 or tensor.shape != parameter.shape:
@@ -153,7 +146,7 @@ def adam_step(
             1.0 - beta2,
             step_size,
             root_correction,
-            eps,
+            EPS,
             largest * rate if rate else 0.0,
         )
         calls.append((new_counters(threads), arrays, gradient, [np.float32(factor) for factor in factors]))

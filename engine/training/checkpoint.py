@@ -220,13 +220,8 @@ def _check_finite(arrays: dict[str, NDArray[Any]], step: int) -> None:
             raise NumericalError(f"`{name}` is not finite after step {step}. {ADVICE}")
 
 
-def read_checkpoint(folder: Path, key: str) -> RunState | None:
-    """Return the state stored in `folder`; None when it is missing, damaged, or belongs to another run."""
-    return read_state(folder, key)
-
-
-def read_state(folder: Path, key: str | None = None) -> RunState | None:
-    """Return the state stored in `folder`, of any run without a `key`; None as for `read_checkpoint`."""
+def read_checkpoint(folder: Path, key: str | None = None) -> RunState | None:
+    """Return the state stored in `folder`; None unless it is complete, and of the run with `key` where one is given."""
     path = folder / CHECKPOINT_FILE
     try:
         record = _read_record(path)

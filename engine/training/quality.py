@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..core.events import StopCheck
 from ..rasterizer.settings import Backend
 from ..scene import CameraSet, Gaussians
-from .checkpoint import read_state
+from .checkpoint import read_checkpoint
 from .coverage import WELL_SEEN, Coverage
 from .held_out import MAX_MEASURED_PHOTOS, Quality, image_quality, mean_quality, render_picture
 from .parameters import Parameters
@@ -146,5 +146,5 @@ def _flip(image: NDArray[np.float32], level: Level) -> float:
 
 def gaussians_so_far(folder: Path) -> tuple[int, Gaussians] | None:
     """Return the finished steps and the Gaussians of the checkpoint in `folder`, None without a complete one."""
-    state = read_state(folder)
+    state = read_checkpoint(folder)
     return None if state is None else (state.step, state.parameters.to_gaussians(unit_features=True))

@@ -54,8 +54,6 @@ class StepSettings:
         Weight of the mean scale in world units.
     limits : StepLimits, optional
         Applied after each step. Without them, quats are not normalised either.
-    beta1, beta2, eps, largest : float
-        See `engine.training.adam_step`.
     unit_features : bool
         Whether features are divided by their length before they are blended.
     detached_features : bool
@@ -67,10 +65,6 @@ class StepSettings:
     lambda_exposure: float = 0.0
     lambda_scale: float = 0.0
     limits: StepLimits | None = None
-    beta1: float = 0.9
-    beta2: float = 0.999
-    eps: float = 1e-15
-    largest: float = 1.0
     unit_features: bool = False
     detached_features: bool = False
     raster: RasterSettings = RasterSettings()
@@ -79,7 +73,3 @@ class StepSettings:
         require(self, "lambda_dssim", 0.0 <= self.lambda_dssim <= 1.0, "between 0 and 1")
         for name in ("lambda_exposure", "lambda_scale"):
             require(self, name, getattr(self, name) >= 0.0, "at least 0")
-        require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
-        require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")
-        for name in ("eps", "largest"):
-            require(self, name, getattr(self, name) > 0.0, "above 0")

@@ -31,7 +31,7 @@ from ...rasterizer.gpu import (
     translate_card_errors,
 )
 from ...scene import PinholeCamera
-from ..adam import MAX_REFUSED_STEPS, AdamState
+from ..adam import BETAS, LARGEST_STEP, MAX_REFUSED_STEPS, AdamState
 from ..losses import GpuExposures
 from .faults import is_refusal, raise_fault
 from .parameters import GROUPS, GpuParameters
@@ -366,8 +366,8 @@ class GpuTrainer:
         """Return the frame of a camera, set for a picture of all Gaussians without a step."""
         frame = self._frame(camera, with_features=False)
         frame.set_view(camera, self.settings.raster, sh_degree)
-        factors, groups = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
-        frame.set_optimiser(0, PhotoLoss(None, 1, 0.0), self.settings.unit_features, factors, groups)
+        groups = np.zeros((len(_GROUPS), 4), np.float32)
+        frame.set_optimiser(0, PhotoLoss(None, 1, 0.0), self.settings.unit_features, groups)
         return frame
 
     def nearest_neighbours(self, k: int) -> torch.Tensor:
@@ -471,20 +471,15 @@ class GpuTrainer:
         self, frame: TrainingFrame, plan: StepPlan, loss: PhotoLoss, index: int, queued: Mapping[str, int]
     ) -> None:
         """Set the constants of Adam for one step; the rest as of `_queue`."""
-        settings = self.settings
         rates = {name: (plan.learning_rates[name], self.parameters.steps[name]) for name in self._trained(plan)}
         if plan.exposure_rate is not None:
             rates[_EXPOSURE] = plan.exposure_rate, self.exposures.step
         groups = np.zeros((len(_GROUPS), 4), np.float32)
         for name, (rate, done) in rates.items():
             t = done + queued[name]
-            root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
-            step_size, largest = rate / (1.0 - settings.beta1**t), settings.largest * rate
-            groups[_GROUPS.index(name)] = step_size, root_correction, 1.0, largest
-        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
-        frame.set_optimiser(
-            index, loss, settings.unit_features, np.array(factors, np.float32), groups, with_limits=plan.limits
-        )
+            root_correction = 1.0 / math.sqrt(1.0 - BETAS[1] ** t)
+            groups[_GROUPS.index(name)] = rate / (1.0 - BETAS[0] ** t), root_correction, 1.0, LARGEST_STEP * rate
+        frame.set_optimiser(index, loss, self.settings.unit_features, groups, with_limits=plan.limits)
 
     def _frame(self, camera: PinholeCamera, *, with_features: bool = True) -> TrainingFrame:
         """Return the frame of a size of picture, which blends features only if they are trained in the step.

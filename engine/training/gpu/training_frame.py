@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...rasterizer.gpu import BLOCK, Dispatch, Frame, FrameSize, Gpu, Submissions, Timings, Uniform, run_together
+from ..adam import BETAS, EPS
 from ..losses import CardLoss, GpuExposures, Sample
 from .errors import ErrorSum
 from .parameters import GROUPS, GpuParameters
@@ -18,6 +19,8 @@ from .settings import StepLimits
 from .workspace import TrainingWorkspace
 
 _GRADIENT_NOT_FINITE = 8  # as in verdict.wgsl
+
+_ADAM = np.array([*BETAS, 1.0 - BETAS[0], 1.0 - BETAS[1], EPS], np.float32)  # as in optimiser.wgsl
 
 
 _NOISE = 5
@@ -308,7 +311,6 @@ class TrainingFrame(TrainingWorkspace, Frame):
         index: int,
         photo: PhotoLoss,
         unit_features: bool,
-        factors: NDArray[np.float32],
         groups: NDArray[np.float32],
         *,
         with_limits: bool = True,
@@ -319,8 +321,6 @@ class TrainingFrame(TrainingWorkspace, Frame):
         ----------
         index : int
             Number of the step since the status was cleared.
-        factors : float32 array of shape [5]
-            beta1, beta2, 1 - beta1, 1 - beta2, eps.
         groups : float32 array of shape [8, 4]
             For each of `GROUPS` and the exposures: step size, root of the correction of the square, 1 if it is trained,
             largest change.
@@ -341,7 +341,7 @@ class TrainingFrame(TrainingWorkspace, Frame):
             ]
             values = [
                 np.array(integers, np.uint32),
-                factors.view(np.uint32),
+                _ADAM.view(np.uint32),
                 np.array([photo.view, self._exposures.n], np.uint32),
                 self._limit_values(photo).view(np.uint32),
                 _dropout_values(photo.dropout),

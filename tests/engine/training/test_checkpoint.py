@@ -23,7 +23,6 @@ from engine.training.checkpoint import (
     continues,
     read_checkpoint,
     read_progress,
-    read_state,
     write_checkpoint,
 )
 from engine.training.held_out import CurvePoint
@@ -95,7 +94,7 @@ def test_an_error_that_could_not_be_measured_survives(tmp_path: Path) -> None:
     state = state_of()
     state.curve[0] = replace(state.curve[0], ssim=float("nan"))
     write_checkpoint(tmp_path, "key", state)
-    read = read_state(tmp_path)
+    read = read_checkpoint(tmp_path)
     assert read is not None and np.isnan(read.curve[0].ssim) and read.curve[1] == state.curve[1]
 
 
@@ -154,14 +153,14 @@ RECORDS = {
 @pytest.mark.parametrize("damage", [*ARRAYS, *RECORDS])
 def test_values_that_contradict_each_other_start_again(folder: Path, damage: str) -> None:
     change(folder, {**ARRAYS, **RECORDS}[damage])
-    assert read_checkpoint(folder, "key") is None and read_state(folder) is None
+    assert read_checkpoint(folder, "key") is None and read_checkpoint(folder) is None
 
 
 @pytest.mark.parametrize("part", [0.0, 0.01, 0.3, 0.6, 0.9, 0.999])
 def test_half_a_file_starts_again(folder: Path, part: float) -> None:
     file = folder / CHECKPOINT_FILE
     file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
-    assert read_state(folder) is None and read_progress(folder) is None
+    assert read_checkpoint(folder) is None and read_progress(folder) is None
 
 
 @pytest.mark.parametrize("record", ["", "[]", "[" * 100_000, '{"version": 3', '{"step": NaN}', '"\\ud800"'])
@@ -169,13 +168,13 @@ def test_a_damaged_record_starts_again(folder: Path, record: str) -> None:
     with np.load(folder / CHECKPOINT_FILE) as archive:
         arrays = {**archive, "record": np.array(record)}
     np.savez(folder / CHECKPOINT_FILE, **arrays)
-    assert read_state(folder) is None and read_progress(folder) is None
+    assert read_checkpoint(folder) is None and read_progress(folder) is None
 
 
 def test_a_checkpoint_that_is_a_folder_or_missing_starts_again(tmp_path: Path) -> None:
-    assert read_state(tmp_path) is None and read_progress(tmp_path) is None
+    assert read_checkpoint(tmp_path) is None and read_progress(tmp_path) is None
     (tmp_path / CHECKPOINT_FILE).mkdir()
-    assert read_state(tmp_path) is None and read_progress(tmp_path) is None
+    assert read_checkpoint(tmp_path) is None and read_progress(tmp_path) is None
 
 
 def begun() -> RunState:

@@ -12,7 +12,7 @@ import pytest
 from engine.core.errors import Cancelled
 from engine.core.events import Event, StopCheck, ignore_events, never_stop
 from engine.scene.gaussians import Gaussians
-from engine.training.checkpoint import RunState, read_state
+from engine.training.checkpoint import RunState, read_checkpoint
 from engine.training.loop import train
 from engine.training.result import TrainingResult
 from engine.training.settings import PRESETS, TrainingSettings
@@ -130,7 +130,7 @@ def test_validation_photos_are_trained_on_after_the_last_decision_and_not_before
         calls = step if step <= 40 else step + 2 * 50
         with pytest.raises(Cancelled):
             run(large_scene, settings, folder, views=views, stop=stop_after(calls))
-        state = read_state(folder)
+        state = read_checkpoint(folder)
         assert state is not None and state.step == step and len(state.trials) == (step > 40)
         return state
 
