@@ -95,9 +95,7 @@ def measure(n: int, case: str) -> dict[str, float]:
             )
             if step % (2 * interval) == 0 or interval == 1:
                 anchors, tries = drawn_anchors(n, generator)
-                regulariser = NeighbourSample(
-                    anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, 1.0, 0.05, 0.15
-                )
+                regulariser = NeighbourSample(anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, 1.0)
         if clustering is None:
             rates.pop("features", None)
         made = StepPlan(

@@ -7,8 +7,6 @@ import torch
 from .checkpoint import RunState
 from .densify import drop
 from .losses import (
-    LAMBDA_PULL,
-    LAMBDA_PUSH,
     N_FAR,
     ClusteringSample,
     LabelledPixels,
@@ -187,8 +185,8 @@ def _regulariser_sample(
 ) -> NeighbourSample | PaperSample:
     if features.regularisation == "paper":
         subset, anchors = drawn_of_paper(n, generator)
-        return PaperSample(subset.numpy(), anchors.numpy(), LAMBDA_PULL, LAMBDA_PUSH)
+        return PaperSample(subset.numpy(), anchors.numpy())
     assert state.neighbours is not None
     anchors, tries = drawn_anchors(n, generator)
     near = state.neighbours[anchors]
-    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent, LAMBDA_PULL, LAMBDA_PUSH)
+    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent)

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     )
     from .exposure import GpuExposures
     from .neighbours import (
-        LAMBDA_PULL,
-        LAMBDA_PUSH,
         N_ANCHORS,
         N_FAR,
         N_FAR_CANDIDATES,

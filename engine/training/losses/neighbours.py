@@ -60,8 +60,6 @@ def neighbour_regulariser(
     neighbours: torch.Tensor,
     *,
     far: float,
-    lambda_pull: float = LAMBDA_PULL,
-    lambda_push: float = LAMBDA_PUSH,
     generator: torch.Generator,
 ) -> torch.Tensor:
     """Return L_reg with the nearest other Gaussians and random far ones.
@@ -76,8 +74,6 @@ def neighbour_regulariser(
         Result of `nearest_neighbours`.
     far : float
         Distance beyond which features are pushed apart, world units.
-    lambda_pull, lambda_push : float
-        Weights.
     generator : torch.Generator
         Draws 1,000 anchors and for each 16 candidates, of which the first 5 far ones are used.
 
@@ -87,21 +83,21 @@ def neighbour_regulariser(
 
     Notes
     -----
-    ``lambda_pull s(1 - mean cos(near)) + lambda_push s(mean cos(far))`` with s the logistic function. The published
+    ``LAMBDA_PULL s(1 - mean cos(near)) + LAMBDA_PUSH s(mean cos(far))`` with s the logistic function. The published
     form (`paper_regulariser`) includes a Gaussian among its neighbours, and pushes the same few outliers for all
     anchors.
     """
     anchors, tries = drawn_anchors(len(features), generator)
     unit = torch.nn.functional.normalize(features, dim=1, eps=1e-9)
     near = (unit[anchors, None] * unit[neighbours[anchors].long()]).sum(dim=2)
-    loss = lambda_pull * torch.sigmoid(1.0 - near.mean())
+    loss = LAMBDA_PULL * torch.sigmoid(1.0 - near.mean())
     places = means.detach()
     is_far = (places[anchors, None] - places[tries]).norm(dim=2) > far
     is_far &= is_far.cumsum(dim=1) <= N_FAR
     if bool(is_far.any()):
         row, column = is_far.nonzero(as_tuple=True)
         distant = (unit[anchors[row]] * unit[tries[row, column]]).sum(dim=1)
-        loss = loss + lambda_push * torch.sigmoid(distant.mean())
+        loss = loss + LAMBDA_PUSH * torch.sigmoid(distant.mean())
     return loss
 
 
@@ -126,7 +122,6 @@ class NeighbourSample(Sample):
         So many of them that are distant count, from the first on.
     far : float
         Distance beyond which they are distant, world units.
-    lambda_pull, lambda_push : float
 
     Raises
     ------
@@ -139,8 +134,6 @@ class NeighbourSample(Sample):
     tries: NDArray[np.integer[Any]]
     max_far: int
     far: float
-    lambda_pull: float
-    lambda_push: float
     needs_features = True
 
     def __post_init__(self) -> None:
@@ -223,7 +216,7 @@ class NeighbourLoss:
             len(rows), len(gaussians), sample.near.shape[1], sample.tries.shape[1], sample.max_far,
             frame.size.n_channels,
         )  # fmt: skip
-        factors = np.array([sample.far, sample.lambda_pull, sample.lambda_push], np.float32)
+        factors = np.array([sample.far, LAMBDA_PULL, LAMBDA_PUSH], np.float32)
         constants[6:9] = factors.view(np.uint32)
         self._uniform.write(constants)
         for name, values in (("anchors", rows), ("gaussians", gaussians), ("pairs", pairs)):

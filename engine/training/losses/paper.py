@@ -31,14 +31,7 @@ def drawn_of_paper(n: int, generator: torch.Generator) -> tuple[torch.Tensor, to
     return subset, torch.randperm(len(subset), generator=generator)[:N_ANCHORS]
 
 
-def paper_regulariser(
-    features: torch.Tensor,
-    means: torch.Tensor,
-    *,
-    lambda_pull: float = LAMBDA_PULL,
-    lambda_push: float = LAMBDA_PUSH,
-    generator: torch.Generator,
-) -> torch.Tensor:
+def paper_regulariser(features: torch.Tensor, means: torch.Tensor, *, generator: torch.Generator) -> torch.Tensor:
     """Return L_reg as the released code of Dahaghin et al. 2024 computes it.
 
     Parameters
@@ -46,8 +39,6 @@ def paper_regulariser(
     features : tensor of shape [N, F]
     means : tensor of shape [N, 3]
         Centres; no gradient flows to them.
-    lambda_pull, lambda_push : float
-        Weights.
     generator : torch.Generator
         Draws the 300,000 Gaussians and the 1,000 anchors. Of each, 2 nearest (with itself) and 5 farthest count.
 
@@ -63,7 +54,7 @@ def paper_regulariser(
     distant = distances.topk(min(_FAR, len(subset))).indices
     near_cosine = (unit[anchors, None] * unit[near]).sum(dim=2).mean()
     far_cosine = (unit[anchors, None] * unit[distant]).sum(dim=2).mean()
-    return lambda_pull * torch.sigmoid(1.0 - near_cosine) + lambda_push * torch.sigmoid(far_cosine)
+    return LAMBDA_PULL * torch.sigmoid(1.0 - near_cosine) + LAMBDA_PUSH * torch.sigmoid(far_cosine)
 
 
 @dataclass(frozen=True)
@@ -76,7 +67,6 @@ class PaperSample(Sample):
         Different Gaussians, among which the 2 nearest, with the anchor itself, and the 5 farthest are found.
     anchors : int array of shape [A]
         Places in `subset`.
-    lambda_pull, lambda_push : float
 
     Raises
     ------
@@ -86,8 +76,6 @@ class PaperSample(Sample):
 
     subset: NDArray[np.integer[Any]]
     anchors: NDArray[np.integer[Any]]
-    lambda_pull: float
-    lambda_push: float
     needs_features = True
 
     def __post_init__(self) -> None:
@@ -121,4 +109,4 @@ def neighbours_of(sample: PaperSample, work: Workspace, room: int) -> NeighbourS
     n_near, n_far = min(_NEAR, len(sample.subset)), min(_FAR, len(sample.subset))
     near, far = found[:, :n_near], found[:, _NEAR : _NEAR + n_far]
     # All candidates are farther than a negative distance.
-    return NeighbourSample(anchors, near, far, n_far, -1.0, sample.lambda_pull, sample.lambda_push)
+    return NeighbourSample(anchors, near, far, n_far, -1.0)

@@ -130,8 +130,6 @@ def test_regulariser_of_true_neighbours_follows_its_formula() -> None:
         means,
         nearest_neighbours(means),
         far=5.0,
-        lambda_pull=0.05,
-        lambda_push=0.15,
         generator=torch.Generator().manual_seed(0),
     )
     sigmoid = lambda x: 1 / (1 + math.exp(-x))  # noqa: E731
@@ -147,9 +145,7 @@ def test_published_regulariser_follows_its_formula() -> None:
         cosines = torch.nn.functional.cosine_similarity(features[i][None], features, dim=1).numpy()
         near += list(cosines[order[:2]])
         far += list(cosines[order[-5:]])
-    loss = paper_regulariser(
-        features, means, lambda_pull=0.05, lambda_push=0.15, generator=torch.Generator().manual_seed(0)
-    )
+    loss = paper_regulariser(features, means, generator=torch.Generator().manual_seed(0))
     expected = 0.05 / (1 + math.exp(-(1 - np.mean(near)))) + 0.15 / (1 + math.exp(-np.mean(far)))
     assert loss.item() == pytest.approx(expected, rel=1e-9)
 

@@ -25,7 +25,6 @@ from ...rasterizer.scenes import camera
 from .test_gpu_training import RATES, arrays, assert_same_moments, photo, same, start
 
 VIEW = camera(64, 48)
-PULL, PUSH = 5.0, 15.0
 
 
 def sample_of(neighbours: torch.Tensor, far: float, seed: int) -> NeighbourSample:
@@ -34,7 +33,7 @@ def sample_of(neighbours: torch.Tensor, far: float, seed: int) -> NeighbourSampl
     anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
     tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
     near = neighbours[anchors].numpy()
-    return NeighbourSample(anchors.numpy(), near, tries.numpy(), N_FAR, far, PULL, PUSH)
+    return NeighbourSample(anchors.numpy(), near, tries.numpy(), N_FAR, far)
 
 
 # With the last distance no Gaussian is distant, and nothing is pushed.
@@ -61,7 +60,7 @@ def test_regulariser_of_neighbours_is_that_of_the_processor(
         blended = torch.nn.functional.normalize(features, dim=1, eps=1e-9) if unit else features
         raster = render(cpu.values, VIEW, backend="cpu", sh_degree=3)
         regulariser = neighbour_regulariser(
-            blended, cpu.values["means"], neighbours, far=far, lambda_pull=PULL, lambda_push=PUSH,
+            blended, cpu.values["means"], neighbours, far=far,
             generator=torch.Generator().manual_seed(seed),
         )  # fmt: skip
         loss = photometric_loss(raster.image, Target(photo(VIEW))) + regulariser
@@ -83,7 +82,7 @@ def test_regulariser_of_the_paper_is_that_of_the_processor(
         generator = torch.Generator().manual_seed(seed)
         subset = torch.randperm(n, generator=generator)[:n_subset]
         anchors = torch.randperm(len(subset), generator=generator)[:N_ANCHORS]
-        sample = PaperSample(subset.numpy(), anchors.numpy(), PULL, PUSH)
+        sample = PaperSample(subset.numpy(), anchors.numpy())
         plans.append(StepPlan(0, RATES, 3, terms=[sample]))
     trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, arrays(cpu)), StepSettings(unit_features=True))
     trainer.add_photo(VIEW, photo(VIEW))
@@ -94,9 +93,7 @@ def test_regulariser_of_the_paper_is_that_of_the_processor(
         unit = torch.nn.functional.normalize(cpu.values["features"], dim=1, eps=1e-9)
         generator = torch.Generator().manual_seed(seed)
         raster = render(cpu.values, VIEW, backend="cpu", sh_degree=3)
-        regulariser = paper_regulariser(
-            unit, cpu.values["means"], lambda_pull=PULL, lambda_push=PUSH, generator=generator
-        )
+        regulariser = paper_regulariser(unit, cpu.values["means"], generator=generator)
         loss = photometric_loss(raster.image, Target(photo(VIEW))) + regulariser
         loss.backward()
         cpu.step(dict(RATES))
@@ -111,10 +108,10 @@ def test_sample_of_gaussians_that_do_not_exist_is_refused(opened_gpu: Gpu) -> No
     trainer.add_photo(VIEW, photo(VIEW))
     one = np.array([[250]])
     with pytest.raises(ValueError, match="beyond the 250"):
-        trainer.steps([StepPlan(0, RATES, 3, terms=[NeighbourSample(one[0], one, one, 1, 1.0, PULL, PUSH)])])
+        trainer.steps([StepPlan(0, RATES, 3, terms=[NeighbourSample(one[0], one, one, 1, 1.0)])])
     with pytest.raises(ValueError, match="beyond the 250"):
-        trainer.steps([StepPlan(0, RATES, 3, terms=[PaperSample(one[0], np.array([0]), PULL, PUSH)])])
+        trainer.steps([StepPlan(0, RATES, 3, terms=[PaperSample(one[0], np.array([0]))])])
     with pytest.raises(ValueError, match="places in a subset of 1 Gaussians"):
-        PaperSample(one[0], np.array([1]), PULL, PUSH)
+        PaperSample(one[0], np.array([1]))
     with pytest.raises(ValueError, match="1 anchors have neighbours"):
-        NeighbourSample(one[0], one[0], one, 1, 1.0, PULL, PUSH)
+        NeighbourSample(one[0], one[0], one, 1, 1.0)

@@ -10,8 +10,6 @@ from engine.training import AdamState, Target, adam_step, guards
 from engine.training.checkpoint import RunState
 from engine.training.gpu import GpuParameters, GpuTrainer, StepLimits, StepPlan, StepSettings
 from engine.training.losses import (
-    LAMBDA_PULL,
-    LAMBDA_PUSH,
     N_ANCHORS,
     N_FAR,
     N_FAR_CANDIDATES,
@@ -71,7 +69,7 @@ def plan(step: int, schedule: Schedule, levels: list[Level], neighbours: torch.T
         anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
         tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
         regulariser = NeighbourSample(
-            anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, EXTENT, LAMBDA_PULL, LAMBDA_PUSH,
+            anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, EXTENT,
         )  # fmt: skip
     if clustering is None and regulariser is None:
         del rates["features"]
