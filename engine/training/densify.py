@@ -82,17 +82,16 @@ _BINOMIALS = torch.tensor(
 def relocate(
     parameters: Parameters | Population,
     *,
-    min_opacity: float = _MIN_OPACITY,
     empty_space: EmptySpace | None = None,
     generator: torch.Generator,
 ) -> int:
-    """Move each Gaussian of at most the opacity `min_opacity`, or in `empty_space`, onto another one, drawn by opacity.
+    """Move each Gaussian of at most the opacity 0.005, or in `empty_space`, onto another one, drawn by opacity.
 
     Return how many moved. Without those in empty space, the picture stays the same to first order (`copy_correction`).
     Nothing is moved when no other Gaussian is left.
     """
     opacities = parameters.values["opacity_logits"].detach().sigmoid()
-    moves = opacities <= min_opacity
+    moves = opacities <= _MIN_OPACITY
     if empty_space is not None:
         moves |= empty_space.holds(parameters.values["means"].detach())
     stays = ~moves

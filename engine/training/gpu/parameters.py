@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import torch
 
 from ...core.arrays import Float32
 from ...rasterizer.gpu import (
@@ -25,15 +25,6 @@ GROUPS = ("means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest", 
 
 _COLUMNS = {"means": slice(0, 3), "quats": slice(3, 7), "log_scales": slice(7, 10), "opacity_logits": slice(10, 11)}
 """Columns of the rows of moments, which are those of the gradients."""
-
-
-@dataclass
-class _Group:
-    """Moments of one group on the processor, and its number of steps."""
-
-    mean: Float32
-    square: Float32
-    step: int
 
 
 class GpuParameters:
@@ -86,21 +77,16 @@ class GpuParameters:
         self.room = max(self.n, room)
         self.n_sh = 1 + (values["sh_rest"].shape[1] if "sh_rest" in values else 0)
         self.n_features = values["features"].shape[1] if "features" in values else 0
-        zeros = {name: np.zeros(values[name].shape, np.float32) for name in self.names}
-        states = {
-            name: _Group(zeros[name], zeros[name], 0)
-            if moments is None
-            else _Group(moments[name].mean.numpy(), moments[name].square.numpy(), moments[name].step)
-            for name in self.names
-        }
-        self.steps = {name: state.step for name, state in states.items()}
+        if moments is None:
+            moments = {name: AdamState.zeros_like(torch.empty(values[name].shape)) for name in self.names}
+        self.steps = {name: moments[name].step for name in self.names}
         arrays: dict[str, Float32] = {
             **{name: values[name] for name in _COLUMNS},
             "sh": self._packed(values),
             "features": values.get("features", np.zeros(0, np.float32)),
         }
         for part in ("mean", "square"):
-            group = {name: getattr(state, part) for name, state in states.items()}
+            group = {name: getattr(moments[name], part).numpy() for name in self.names}
             rows = np.zeros((self.n, 12), np.float32)
             for name, columns in _COLUMNS.items():
                 rows[:, columns] = group[name].reshape(self.n, -1)
@@ -175,8 +161,6 @@ class GpuParameters:
 
     def moments(self) -> dict[str, AdamState]:
         """Return copies of the moments by name."""
-        import torch
-
         parts = []
         for part in ("mean", "square"):
             rows = self._read(f"rows_{part}", (self.n, 12))

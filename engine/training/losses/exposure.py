@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import torch
 
 from ...core.arrays import Float32
 from ...rasterizer.gpu import STORAGE, Gpu
@@ -69,8 +70,6 @@ class GpuExposures:
 
     def moments(self) -> AdamState:
         """Return a copy of the moments."""
-        import torch
-
         mean, square = (torch.from_numpy(self._read(f"exposure_{part}")) for part in ("mean", "square"))
         return AdamState(mean, square, self.step)
 

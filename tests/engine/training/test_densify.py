@@ -70,7 +70,7 @@ def test_relocating_dead_gaussians_leaves_the_picture_unchanged(scene: Scene) ->
     with torch.no_grad():
         parameters.values["opacity_logits"][:60] = -9.0
     before = picture(parameters, scene)
-    assert relocate(parameters, min_opacity=0.005, generator=generator()) == 60
+    assert relocate(parameters, generator=generator()) == 60
     after = picture(parameters, scene)
     assert len(parameters) == len(scene.truth)
     assert (parameters.values["opacity_logits"].sigmoid() > 0.005).all()
@@ -161,7 +161,7 @@ def test_nothing_is_moved_when_all_gaussians_are_dead(scene: Scene) -> None:
     parameters = trainable(scene)
     with torch.no_grad():
         parameters.values["opacity_logits"].fill_(-9.0)
-    assert relocate(parameters, min_opacity=0.005, generator=generator()) == 0
+    assert relocate(parameters, generator=generator()) == 0
     assert len(parameters) == len(scene.truth)
 
 
@@ -195,7 +195,7 @@ def test_new_gaussians_are_copies_of_those_with_a_weight_and_never_of_the_backgr
     assert len(parameters) == len(before) + 40
     with torch.no_grad():
         parameters.values["opacity_logits"][30:] = -9.0
-    assert relocate(parameters, min_opacity=0.005, generator=generator()) == len(parameters) - 30
+    assert relocate(parameters, generator=generator()) == len(parameters) - 30
     moved = parameters.values["means"][30:]
     assert {int((before == row).all(dim=1).nonzero()[0, 0]) for row in moved} <= set(range(20, 30))
 
