@@ -179,10 +179,8 @@ def step_seconds(n_gaussians: int, n_pixels: int, *, sh_degree: int, features: b
 
     Notes
     -----
-    2 ms + N (0.5 us + 0.0217 us per number of a Gaussian) + 0.28 us P sqrt(N / 20,000). The time of projection and
-    Adam is proportional to the number of Gaussians N. The time of blending is proportional to the pixels P and to the
-    Gaussians that cover each pixel, whose number grows more slowly than N. Features add 3 ms + 0.35 us N and 5 % of the
-    pixels' time.
+    The time of projection and Adam is proportional to the number of Gaussians. The time of blending is proportional to
+    the pixels and to the Gaussians that cover each pixel, whose number grows as the root of all.
     """
     numbers = 11 + 3 * (sh_degree + 1) ** 2
     pixels = _STEP_PIXEL_SECONDS * n_pixels * math.sqrt(n_gaussians / _REFERENCE_GAUSSIANS)
@@ -240,18 +238,7 @@ def _gaussians_at_start(work: WorkPlan, settings: TrainingSettings) -> int:
 
 
 def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_prompts: int) -> float:
-    """Return the CPU seconds of a stage on the reference machine.
-
-    Notes
-    -----
-    - photos: 0.03 s per photo and 0.045 s per megapixel
-    - cameras: (2.5 s per megapixel of the working copies + 1 ms per compared pair + 77 ms per matched pair + 18 ms for
-      mapping it) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
-    - masks: 3 s per photo
-    - training: `training_seconds`
-    - objects: 1 s, 0.5 s per prompt, and 0.98 s + 18 us N per photo with segments that the graph reads
-    - report: 2 s and 0.6 s per object
-    """
+    """Return the CPU seconds of a stage on the reference machine."""
     n, megapixels = work.n_photos, work.photo_width * work.photo_height / 1e6
     if stage == "photos":
         return n * (_PHOTO_SECONDS + _PHOTO_MEGAPIXEL_SECONDS * megapixels)
@@ -301,20 +288,6 @@ def memory_of(
     free : int or None
         Bytes that are free, None if unknown.
 
-    Notes
-    -----
-    - photos: 65 MB, and per thread 25 MB and 4.1 bytes per pixel, up to 60 million pixels; together at most 75 % of the
-      free memory
-    - all others: 500 MB for Python, torch and the compiled kernels, and in addition:
-    - cameras: 230 MB, and 260 bytes per pixel of a working copy and core that detects features, or later 2 MB per photo
-    - masks: 880 MB for SAM
-    - training: per photo and pixel, 3 bytes for the photo, 12 for labels and their index, 36 for the prepared target
-      (one photo only where all would take more than 1 GiB); per Gaussian, 24 bytes per number and 256 with features;
-      the rendered picture with its channels and gradients; 420 MB that remain of SAM. On a graphics card no targets and
-      no 256 bytes, but 300 MB for the driver, and `card_bytes` where it uses the computer's memory
-    - objects: the memory of training, which the process does not return to the system, SAM again, and 130 bytes per
-      Gaussian and photo for views, up to 500 MB
-    - report: the memory of training
     """
     pixels, python = work.width * work.height, _PYTHON_BYTES + libraries
     full = work.photo_width * work.photo_height
@@ -337,6 +310,7 @@ def memory_of(
     numbers = 11 + 3 * (work.sh_degree + 1) ** 2 + 16 * work.features
     blended = _GAUSSIAN_FEATURE_BYTES if work.features and not on_card else 0
     gaussians = settings.growth.max_gaussians * (_GAUSSIAN_NUMBER_BYTES * numbers + blended)
+    # Photos, labels with their index, and the rendered picture with its channels and gradients.
     photos = pixels * (3 * work.n_photos + 12 * work.n_mask_photos)
     training = python + photos + gaussians + pixels * (60 + 16 * channels)
     if on_card:
@@ -344,6 +318,7 @@ def memory_of(
     else:
         training += kept_targets
     training += _KEPT_AFTER_SAM_BYTES if work.n_mask_photos else 0
+    # The process returns nothing to the system before objects and report.
     views = min(_MAX_VIEW_BYTES, _VIEW_GAUSSIAN_BYTES * settings.growth.max_gaussians * work.n_photos)
     return training + _SAM_BYTES + views if stage == "objects" else training
 
