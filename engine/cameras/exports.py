@@ -94,7 +94,9 @@ def _of_frame(values: dict[str, Any], name: str, file: Path) -> Callable[[Photo]
     return lambda photo: frame_camera(values, name, photo, file)
 
 
-_LensOf = Callable[[dict[str, Any], str, str], tuple[Callable[[int, int], Lens], tuple[int, int] | None]]
+_LensIn = tuple[Callable[[int, int], Lens], tuple[int, int] | None]
+"""Maker of the lens in a picture of a width and a height, and the size of the picture that it is known in."""
+_LensOf = Callable[[dict[str, Any], str, str], _LensIn]
 
 
 def _read(
@@ -134,9 +136,7 @@ def _maker(
     return make
 
 
-def _of_sensor(
-    values: dict[str, Any], name: str, what: str
-) -> tuple[Callable[[int, int], Lens], tuple[int, int] | None]:
+def _of_sensor(values: dict[str, Any], name: str, what: str) -> _LensIn:
     if "problem" in values:
         raise CameraError(
             f"{what} cannot be used: {values['problem']}. Export the cameras as a COLMAP model instead (File > Export "
@@ -147,9 +147,7 @@ def _of_sensor(
     return (lambda *_: lens), (lens.width, lens.height)
 
 
-def _of_values(
-    values: dict[str, Any], name: str, what: str
-) -> tuple[Callable[[int, int], Lens], tuple[int, int] | None]:
+def _of_values(values: dict[str, Any], name: str, what: str) -> _LensIn:
     def lens_in(width: int, height: int) -> Lens:
         try:
             return reality_capture_lens(values, width, height).as_lens()
@@ -161,9 +159,7 @@ def _of_values(
     return lens_in, None
 
 
-def _of_bundler(
-    values: dict[str, Any], name: str, what: str
-) -> tuple[Callable[[int, int], Lens], tuple[int, int] | None]:
+def _of_bundler(values: dict[str, Any], name: str, what: str) -> _LensIn:
     focal, k1, k2 = (float(values[key]) for key in ("f", "k1", "k2"))
     return (lambda w, h: Lens("RADIAL", w, h, (focal, 0.5 * w, 0.5 * h, k1, k2))), None
 

@@ -6,9 +6,9 @@ converted where they are read. Units and world axes of the model are arbitrary a
 
 from __future__ import annotations
 
-import os
 import tempfile
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,7 +83,7 @@ def read_cameras(
     else:
         given, points = _from_export(model, photo_set, emit, should_stop)
     choice = choose_orientations(given, points, photo_set.folder, model, should_stop)
-    with _work_folder(folder) as work:
+    with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as work:
         chosen = choice.chosen
         if choice.open:
             chosen = orientations_by_matches(
@@ -120,23 +120,6 @@ def has_points(model: Path) -> bool:
         return bool(read_transforms_json(export.files[0]).get("ply_file_path"))
     except FormatError:
         return False  # `read_cameras` reports the error.
-
-
-def _work_folder(folder: Path | None) -> tempfile.TemporaryDirectory[str] | _KeptFolder:
-    return tempfile.TemporaryDirectory(prefix="gaussian-heritage-") if folder is None else _KeptFolder(folder)
-
-
-class _KeptFolder:
-    """A folder as a context that stays."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def __enter__(self) -> str:
-        return os.fspath(self._folder)
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
 
 def _from_export(

@@ -316,12 +316,7 @@ def _inside_photo(camera: Camera, box: list[float]) -> bool:
     border = np.concatenate([np.stack(side, axis=1) for side in sides])
     pixels = _pixels(camera.lens, border)
     slack = _BORDER_TOLERANCE
-    return bool(
-        (pixels[:, 0] >= -slack).all()
-        and (pixels[:, 1] >= -slack).all()
-        and (pixels[:, 0] <= camera.width + slack).all()
-        and (pixels[:, 1] <= camera.height + slack).all()
-    )
+    return bool(((pixels >= -slack) & (pixels <= np.array([camera.width, camera.height]) + slack)).all())
 
 
 def _frame(camera: Camera, box: list[float], max_side: int | None, rounding: np.ufunc) -> PinholeCamera:
@@ -404,14 +399,12 @@ def _sample(image: NDArray[Pixels], x: Float64, y: Float64, interpolation: Inter
         columns = np.clip(np.floor(x).astype(np.int64), 0, width - 1)
         rows = np.clip(np.floor(y).astype(np.int64), 0, height - 1)
         sampled = image[rows, columns]
-    elif interpolation == "linear":
+    else:
         map_x, map_y = (x - 0.5).astype(np.float32), (y - 0.5).astype(np.float32)
         planes = [
             cv2.remap(plane, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             for plane in _planes(image)
         ]
         sampled = np.stack(planes, axis=-1).reshape(*x.shape, *image.shape[2:])
-    else:
-        raise ValueError(f"interpolation must be 'linear' or 'nearest', got {interpolation!r}")
     sampled[~inside] = 0
     return sampled
