@@ -74,7 +74,7 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     _write(out / "objects_votes.jpg", [_blended(context, one, share * seen) for one in (view, other)])
     _write(out / "objects_segments.jpg", [_segments(context, one) for one in (view, other)])
     _write(out / "objects_membership.jpg", [_blended(context, one, membership) for one in (view, other)])
-    parts = [_tinted(_photo(context, other), context.views.visible_share(other, one >= 0.5) > 0.5)
+    parts = [_tinted(_photo(context, other), context.views.scene.share(other.frame, one >= 0.5) > 0.5)
              for one in levels.memberships]  # fmt: skip
     _write(out / "objects_levels.jpg", parts)
     _write(out / "objects_all.jpg", [_colored(context, one, groups) for one in (view, other)])
@@ -124,7 +124,7 @@ def _segments(context: SegmentationContext, view: View) -> Picture:
 def _colored(context: SegmentationContext, view: View, groups: Sequence[NDArray[np.bool_]]) -> Picture:
     picture = 0.6 * _photo(context, view)
     for number, color in enumerate(np.random.default_rng(1).uniform(60, 255, (len(groups), 3)).astype(np.float32)):
-        picture = _tinted(picture, context.views.visible_share(view, groups[number]) > 0.5, color)
+        picture = _tinted(picture, context.views.scene.share(view.frame, groups[number]) > 0.5, color)
     return picture
 
 

@@ -92,7 +92,9 @@ def read_cameras(
         cameras, points = upright_cameras(given, chosen, points, model)
         _require_usable_cameras(cameras, model)
         if len(points.positions) == 0 and len(cameras) >= 2:
-            points = _triangulated(cameras, photo_set, settings, Path(work), emit, should_stop)
+            points = SparsePoints(
+                *triangulate(cameras, photo_set, Path(work), settings, emit=emit, should_stop=should_stop)
+            )
     return camera_set(
         cameras,
         (photo.name for photo in photo_set.photos),
@@ -242,17 +244,6 @@ def _none_matches(names: Sequence[str], photo_set: PhotoSet, model: Path) -> Cam
         f"None of the pictures in {model} is among the photos: it has, for example, {min(names)}, the photo folder "
         f"{min(photo.name for photo in photo_set.photos)}. Choose the photo folder the model was made from."
     )
-
-
-def _triangulated(
-    cameras: list[Camera],
-    photo_set: PhotoSet,
-    settings: CameraSettings,
-    folder: Path,
-    emit: Emit,
-    should_stop: StopCheck,
-) -> SparsePoints:
-    return SparsePoints(*triangulate(cameras, photo_set, folder, settings, emit=emit, should_stop=should_stop))
 
 
 def _require_usable_cameras(cameras: list[Camera], model: Path) -> None:

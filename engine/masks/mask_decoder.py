@@ -91,37 +91,27 @@ class MaskDecoder:
             When the decoder returns another number of masks.
         """
         with self._lock:
-            return self._decode(features, coordinates, labels, cells, min_stability)
-
-    def _decode(
-        self,
-        features: NDArray[np.float32],
-        coordinates: NDArray[np.float32],
-        labels: NDArray[np.float32],
-        cells: tuple[int, int] | None,
-        min_stability: float,
-    ) -> Masks:
-        if self._torch is None:
-            return self._run(features, coordinates, labels)
-        if not self._was_checked:
-            self._was_checked = True
-            expected = self._run(features, coordinates, labels)
-            if not _agree(self._torch.decode(features, coordinates, labels), expected, _MAX_DIFFERENCE):
-                _LOG.warning("%s is decoded by onnxruntime: torch computes other masks", self._path.name)
-                self._torch = None
-                return expected
-        if cells is None or self._bfloat16 is None:
-            return self._torch.decode(features, coordinates, labels, cells, min_stability)
-        if not self._bfloat16_was_checked:
-            self._bfloat16_was_checked = True
-            found, expected = (
-                decoder.decode(features, coordinates, labels) for decoder in (self._bfloat16, self._torch)
-            )
-            if not _agree(found, expected, _MAX_BFLOAT16_DIFFERENCE):
-                _LOG.warning("%s is decoded in float32: in bfloat16, masks differ", self._path.name)
-                self._bfloat16 = None
+            if self._torch is None:
+                return self._run(features, coordinates, labels)
+            if not self._was_checked:
+                self._was_checked = True
+                expected = self._run(features, coordinates, labels)
+                if not _agree(self._torch.decode(features, coordinates, labels), expected, _MAX_DIFFERENCE):
+                    _LOG.warning("%s is decoded by onnxruntime: torch computes other masks", self._path.name)
+                    self._torch = None
+                    return expected
+            if cells is None or self._bfloat16 is None:
                 return self._torch.decode(features, coordinates, labels, cells, min_stability)
-        return self._bfloat16.decode(features, coordinates, labels, cells, min_stability)
+            if not self._bfloat16_was_checked:
+                self._bfloat16_was_checked = True
+                found, expected = (
+                    decoder.decode(features, coordinates, labels) for decoder in (self._bfloat16, self._torch)
+                )
+                if not _agree(found, expected, _MAX_BFLOAT16_DIFFERENCE):
+                    _LOG.warning("%s is decoded in float32: in bfloat16, masks differ", self._path.name)
+                    self._bfloat16 = None
+                    return self._torch.decode(features, coordinates, labels, cells, min_stability)
+            return self._bfloat16.decode(features, coordinates, labels, cells, min_stability)
 
     @functools.cached_property
     def _bfloat16(self) -> TorchDecoder | None:

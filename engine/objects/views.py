@@ -143,23 +143,9 @@ class Views:
         self._views.pop("", None)
         return self.of(Camera("", camera.width, camera.height, "PINHOLE", lens, camera.viewmat))
 
-    def visible_share(self, view: View, members: Mask) -> Float32:
-        """Return the share of each pixel that the members contribute, occluded by all others.
-
-        Parameters
-        ----------
-        members : array of shape [N], bool
-
-        Returns
-        -------
-        array of shape [h, w], float32
-            0 to 1.
-        """
-        return self.scene.share(view.frame, members)
-
     def visible(self, view: View, members: Mask) -> Mask:
         """Return the pixels of `view` that show the members, bool [N]: of which they make up more than half."""
-        return self.visible_share(view, members) > VISIBLE_SHARE
+        return self.scene.share(view.frame, members) > VISIBLE_SHARE
 
     def visible_masks(self, view: View, members: Mask) -> Iterator[Mask]:
         """Yield `visible` within the photo of `view`, bool [h, w], for each of K sets of Gaussians, bool [K, N]."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,21 +77,10 @@ def load_gaussians(folder: Path) -> Gaussians:
     path = folder / FEATURES_FILE
     if not path.is_file():
         return gaussians
-    features = load_features(path)
+    features = read_array(path, ArraySpec("float16|float32", ("n", "d"), finite=True), advice=_ADVICE)
     if len(features) != len(gaussians):
         raise FormatError(
             f"{path} has {len(features)} rows and {scene.name} {len(gaussians)} Gaussians: they do not belong "
             f"together. {_ADVICE}"
         )
     return replace(gaussians, features=features.astype(np.float32))
-
-
-def load_features(path: Path) -> NDArray[Any]:
-    """Return the features in a ``features.npy``, shape [N, D], float16.
-
-    Raises
-    ------
-    FormatError
-        When the file is missing or damaged.
-    """
-    return read_array(path, ArraySpec("float16|float32", ("n", "d"), finite=True), advice=_ADVICE)
