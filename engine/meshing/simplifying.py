@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..core.arrays import Float64, Int32, Mask
+from ..scene import are_closed
 from .cleaning import used_vertices
 
 _OTHER_SHARES = (0.96, 0.92, 0.88, 0.84, 0.8)
@@ -36,7 +37,7 @@ def simplified(
     new_vertices, new_faces = _by_quadrics(vertices, faces, triangles)
     if closed:
         for share in _OTHER_SHARES:
-            if _is_closed(new_faces):
+            if are_closed(new_faces):
                 break
             new_vertices, new_faces = _by_quadrics(vertices, faces, round(share * triangles))
         else:
@@ -50,14 +51,6 @@ def _by_quadrics(vertices: Float64, faces: Int32, triangles: int) -> tuple[Float
     """Return a surface of at most `triangles` triangles, or a few more, by collapses of least error."""
     points, corners = fast_simplification.simplify(vertices, faces, target_count=triangles)
     return used_vertices(np.asarray(points, np.float64), np.asarray(corners, np.int32))
-
-
-def _is_closed(faces: Int32) -> bool:
-    """Return whether each edge has two triangles in opposite directions."""
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-    n = int(faces.max(initial=0)) + 1
-    forth, back = np.sort(ends[:, 0] * n + ends[:, 1]), np.sort(ends[:, 1] * n + ends[:, 0])
-    return bool((np.diff(forth) > 0).all() and (forth == back).all())
 
 
 def _closed_simplified(vertices: Float64, faces: Int32, triangles: int) -> tuple[Float64, Int32]:

@@ -20,7 +20,7 @@ _CROP = 80
 """Side of each of the four crops in full resolution, in pixels."""
 _SAMPLE_SIDE = 256
 """Longest side of the grid of pixels whose exact values are counted."""
-_GRAY_WEIGHTS = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+GRAY_WEIGHTS = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 _CHROMA = 16
 """Largest difference between the channels of a grey pixel; JPEG changes them a little."""
 _EXTREME = 32
@@ -101,7 +101,7 @@ class LookBuilder:
             if low >= end:
                 continue
             for j, column in enumerate(self._columns):
-                gray = strip[low - self._top : end - self._top, column : column + wide] @ _GRAY_WEIGHTS
+                gray = strip[low - self._top : end - self._top, column : column + wide] @ GRAY_WEIGHTS
                 row = i * high + low - first_row
                 self._detail[row : row + end - low, j * wide : (j + 1) * wide] = np.rint(gray)
         self._sampled.append(strip[-self._top % self._every :: self._every, :: self._every].reshape(-1, 3).copy())

@@ -24,7 +24,7 @@ from .bounded import call_within_bounds
 from .copies import ComparedPhoto, copies_among, summary_of_copies
 from .exif import capture_time, orientation_of
 from .kinds import PICTURES, has_suffix_of_picture, kind_of_file, live_photo_of, refusal_of
-from .look import Look, LookBuilder
+from .look import GRAY_WEIGHTS, Look, LookBuilder
 from .mask_pictures import masks_among, summary_of_masks
 from .names import problem_of_name, require_utf8_folder
 from .photo_masks import with_masks
@@ -39,7 +39,6 @@ _STAGE = "photos"
 
 # Longest side in pixels at which sharpness is measured, so that cameras of different resolution can be compared.
 _MEASURING_SIDE = 800
-_GRAY_WEIGHTS = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -326,7 +325,7 @@ def _as_reason(error: PhotoError, path: Path) -> str:
 def _gray_for_measuring(pixels: NDArray[np.uint8], step: int) -> NDArray[np.float32]:
     """Return the brightness [h // step, w // step], 0 to 255, averaged over squares of `step` pixels."""
     height, width = (side // step * step for side in pixels.shape[:2])
-    gray = pixels[:height, :width] @ _GRAY_WEIGHTS
+    gray = pixels[:height, :width] @ GRAY_WEIGHTS
     averaged: NDArray[np.float32] = gray.reshape(height // step, step, width // step, step).mean(axis=(1, 3))
     return averaged
 

@@ -14,7 +14,7 @@ from typing import IO
 from ..core.errors import PhotoError
 from ..core.files import mapped
 from ..core.visible_text import visible
-from .tiff import TIFF_STARTS, problem_of_layout, problem_of_parts
+from .tiff import TIFF_STARTS, problem_of_layout, problem_of_parts, size_of
 
 _MAX_JPEG_SEGMENTS = 5_000
 _MAX_JPEG_SCANS = 200
@@ -53,15 +53,11 @@ def require_usual_structure(stream: IO[bytes], path: Path) -> None:
         layout = problem_of_layout(stream)
         if problem is None and layout is not None:
             raise PhotoError(f"{visible(path.name)} {layout}. Save it again as RGB with 8 or 16 bits per channel.")
-    elif (start[8:12] == b"WEBP" or start[4:8] == b"ftyp") and _size(stream) > _MAX_WHOLE_FILE_BYTES:
+    elif (start[8:12] == b"WEBP" or start[4:8] == b"ftyp") and size_of(stream) > _MAX_WHOLE_FILE_BYTES:
         problem = f"is larger than {_MAX_WHOLE_FILE_BYTES >> 20} MB, more than can be read safely in its format"
     if problem:
         raise PhotoError(f"{visible(path.name)} {problem}. Save it again as JPEG, PNG or TIFF.")
     stream.seek(0)
-
-
-def _size(stream: IO[bytes]) -> int:
-    return os.fstat(stream.fileno()).st_size
 
 
 def _problem_of_jpeg(stream: IO[bytes], path: Path) -> str | None:
@@ -91,7 +87,7 @@ def _problem_of_jpeg(stream: IO[bytes], path: Path) -> str | None:
 
 
 def _problem_of_png(stream: IO[bytes]) -> str | None:
-    place, size = 8, _size(stream)
+    place, size = 8, size_of(stream)
     n_data = n_others = n_profiles = 0
     while place + 12 <= size:
         stream.seek(place)

@@ -53,7 +53,7 @@ def problem_of_parts(stream: IO[bytes]) -> str | None:
     """Return why parsing the first directory would take too much, as a clause; Pillow reads no other."""
     found = _opened(stream)
     place = found.number(found.wide)
-    if place >= _size(stream):
+    if place >= size_of(stream):
         return None
     if _n_tags(found, place) > _MAX_TAGS:
         return f"has more than {_MAX_TAGS:,} tags"
@@ -101,7 +101,8 @@ def _opened(stream: IO[bytes]) -> _Directory:
     return found
 
 
-def _size(stream: IO[bytes]) -> int:
+def size_of(stream: IO[bytes]) -> int:
+    """Return the length of an open file in bytes."""
     return os.fstat(stream.fileno()).st_size
 
 
@@ -122,7 +123,7 @@ def _entries(found: _Directory, place: int) -> Iterator[_Entry]:
 def _numbers(found: _Directory, place: int) -> dict[int, tuple[int, ...]]:
     """Return the whole numbers of each tag of the directory at `place`, at most `_MAX_NUMBERS` of each."""
     numbers: dict[int, tuple[int, ...]] = {}
-    size = _size(found.stream)
+    size = size_of(found.stream)
     if not 0 < place < size:
         return numbers
     for entry in _entries(found, place):

@@ -37,7 +37,6 @@ def render_view(
     what: Subject = "rgb",
     members: NDArray[np.bool_] | None = None,
     click: tuple[float, float] | None = None,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
     backend: Backend = "cpu",
 ) -> NDArray[Any]:
     """Return a picture of the scene or of one object.
@@ -47,16 +46,14 @@ def render_view(
     camera : Camera or PinholeCamera
         With a photo's camera the picture has the photo's size and lens distortion.
     what : {"rgb", "mask", "depth", "features", "instances"}
-        ``rgb``: colours, only of the object if `members` is given. ``mask``: pixels that show `members`, which the rest
-        of the scene may occlude. ``depth``: mean depth of the visible Gaussians, in steps of
+        ``rgb``: colours over black, only of the object if `members` is given. ``mask``: pixels that show `members`,
+        which the rest of the scene may occlude. ``depth``: mean depth of the visible Gaussians, in steps of
         1 / `DEPTH_STEPS_PER_UNIT`. ``features``: first three principal axes of the features. ``instances``: one colour
         for each cluster of features, black for pixels in none.
     members : bool array of shape [N], optional
         Gaussians of one object.
     click : (float, float), optional
         Pixel of the picture, with ``features`` or ``instances``. Pixels with a similar feature become white.
-    background : sequence of 3 floats
-        Colour behind ``rgb``, sRGB in [0, 1].
     backend : {"cpu", "gpu", "reference"}
 
     Returns
@@ -86,7 +83,7 @@ def render_view(
         return np.where(mask, np.uint8(255), np.uint8(0))
     shown = gaussians if members is None else gaussians[members]
     if what == "rgb":
-        return _rgb(shown, camera, background, backend)
+        return _rgb(shown, camera, backend)
     if what == "depth":
         return _depth(shown, camera, backend)
     if click is not None:
@@ -137,7 +134,8 @@ def click_mask(
     covered = rendered.alpha > _MIN_COVERAGE
     if not covered[row, column]:
         similar[:] = False
-    return _binary((similar & covered).astype(np.float32), camera, frame)
+    picture = _to_photo((similar & covered).astype(np.float32), frame, camera)
+    return np.where(picture > 0.5, np.uint8(255), np.uint8(0))
 
 
 def visible_masks(
@@ -186,18 +184,9 @@ def _uint8(values: Float32) -> NDArray[np.uint8]:
     return np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)
 
 
-def _binary(share: Float32, camera: Camera | PinholeCamera, frame: PinholeCamera | None = None) -> NDArray[np.uint8]:
-    picture = _to_photo(share, frame or _frame(camera), camera)
-    return np.where(picture > 0.5, np.uint8(255), np.uint8(0))
-
-
-def _rgb(
-    gaussians: Gaussians, camera: Camera | PinholeCamera, background: Sequence[float], backend: Backend
-) -> NDArray[np.uint8]:
+def _rgb(gaussians: Gaussians, camera: Camera | PinholeCamera, backend: Backend) -> NDArray[np.uint8]:
     frame = _frame(camera)
-    rendered = Scene(gaussians, backend=backend).render(frame, color=True)
-    backdrop = np.asarray(background, np.float32)
-    return _uint8(_to_photo(rendered.channels + (1 - rendered.alpha[..., None]) * backdrop, frame, camera))
+    return _uint8(_to_photo(Scene(gaussians, backend=backend).render(frame, color=True).channels, frame, camera))
 
 
 def _depth(gaussians: Gaussians, camera: Camera | PinholeCamera, backend: Backend) -> NDArray[np.uint16]:

@@ -15,7 +15,7 @@ from .gaussians import FEATURE_DIM, Gaussians
 from .lens import FISHEYE_LENS, MAX_LENS_PARAMETER, focal_and_center, is_fisheye, lens_pixels, photo_pixels
 from .measurement import ExportFrame, MeasuredDistance, Measurement, Point, export_frame, measurement_problem
 from .measurement_storage import delete_measurement, load_measurement, save_measurement
-from .mesh import Mesh
+from .mesh import Mesh, are_closed
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_names import OTHER_SUFFIXES, RAW_SUFFIXES, READ_SUFFIXES, NameMatches, match_names, photos_called
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set

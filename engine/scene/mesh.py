@@ -63,11 +63,7 @@ class Mesh:
         Vertices at the same place are one vertex, as programs read an STL, which has no numbers of vertices.
         """
         _, numbers = np.unique(self.vertices, axis=0, return_inverse=True)
-        faces = numbers.reshape(-1)[self.faces]
-        ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
-        forth = np.sort(ends[:, 0] * len(self.vertices) + ends[:, 1])
-        back = np.sort(ends[:, 1] * len(self.vertices) + ends[:, 0])
-        return len(forth) > 0 and bool((np.diff(forth) > 0).all() and (forth == back).all())
+        return are_closed(numbers.reshape(-1)[self.faces])
 
     @property
     def volume(self) -> float:
@@ -88,3 +84,11 @@ class Mesh:
             faces=np.ascontiguousarray(self.faces[:, ::step]),
             texture_faces=np.ascontiguousarray(self.texture_faces[:, ::step]),
         )  # fmt: skip
+
+
+def are_closed(faces: Int32) -> bool:
+    """Return whether each edge of triangles [F, 3] has two, which pass it in opposite directions; False without any."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    n = int(faces.max(initial=0)) + 1
+    forth, back = np.sort(ends[:, 0] * n + ends[:, 1]), np.sort(ends[:, 1] * n + ends[:, 0])
+    return len(forth) > 0 and bool((np.diff(forth) > 0).all() and (forth == back).all())
