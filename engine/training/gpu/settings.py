@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...core.settings import require
 from ...rasterizer.settings import RasterSettings
 from ..settings import LAMBDA_DSSIM
 
@@ -33,11 +32,6 @@ class StepLimits:
     max_scale: float
     max_aspect: float
     max_logit: float
-
-    def __post_init__(self) -> None:
-        for name in ("max_distance", "min_scale", "max_scale", "max_logit"):
-            require(self, name, getattr(self, name) > 0.0, "above 0")
-        require(self, "max_aspect", self.max_aspect >= 1.0, "at least 1")
 
 
 @dataclass(frozen=True)
@@ -68,8 +62,3 @@ class StepSettings:
     unit_features: bool = False
     detached_features: bool = False
     raster: RasterSettings = RasterSettings()
-
-    def __post_init__(self) -> None:
-        require(self, "lambda_dssim", 0.0 <= self.lambda_dssim <= 1.0, "between 0 and 1")
-        for name in ("lambda_exposure", "lambda_scale"):
-            require(self, name, getattr(self, name) >= 0.0, "at least 0")
