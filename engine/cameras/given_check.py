@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.arrays import evenly_spaced_indices
 from ..core.errors import CameraError
 from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..scene import CameraHealth, CameraSet, PhotoSet
@@ -56,8 +57,8 @@ def check_given_cameras(
     placed = [photo for photo in photo_set.photos if photo.name in by_photo]
     if len(placed) < 3:
         return camera_set
-    chosen = sorted({round(i) for i in np.linspace(0, len(placed) - 1, min(len(placed), _MAX_PHOTOS))})
-    photos = PhotoSet(photo_set.folder, tuple(placed[index] for index in chosen), ())
+    chosen = tuple(placed[index] for index in evenly_spaced_indices(len(placed), _MAX_PHOTOS))
+    photos = PhotoSet(photo_set.folder, chosen, ())
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:
         workspace = SfmWorkspace(Path(folder), photos, _SETTINGS, by_photo)
         try:

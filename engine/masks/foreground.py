@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..core.arrays import Mask
+from ..core.arrays import Mask, evenly_spaced_indices
 from ..core.errors import Cancelled, MaskError
 from ..core.events import Emit, Progress, StopCheck, Warned
 from ..core.files import write_file
@@ -111,7 +111,7 @@ def _moving_region(photo_set: PhotoSet) -> Mask | None:
     photos = photo_set.photos
     size = (photos[0].width, photos[0].height)
     same = [photo for photo in photos if (photo.width, photo.height) == size]
-    chosen = [same[i] for i in np.unique(np.linspace(0, len(same) - 1, min(len(same), _MAX_LOOKS)).round().astype(int))]
+    chosen = [same[index] for index in evenly_spaced_indices(len(same), _MAX_LOOKS)]
     if len(chosen) < 3 or len(same) < len(photos) / 2:
         return None
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:

@@ -32,6 +32,6 @@ if TYPE_CHECKING:
     from .reference import project_centres, project_covariances, rotation_matrices
     from .settings import MAX_CHANNELS
     from .simd import fma, load, select, splat, store
-    from .threads import Share, n_usable_cores, new_counters, run_shared, take_range
+    from .threads import Share, new_counters, run_shared, take_range
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -49,12 +49,7 @@ class Share(NamedTuple):
 
 def new_counters(n_threads: int | None) -> NDArray[np.int64]:
     """Return `Share.counters` for a kernel on `n_threads` threads, or on all usable cores if None."""
-    return np.zeros((n_threads or n_usable_cores(), _CACHE_LINE), np.int64)
-
-
-def n_usable_cores() -> int:
-    """Return how many cores this process may use."""
-    return len(usable_cores())
+    return np.zeros((n_threads or len(usable_cores()), _CACHE_LINE), np.int64)
 
 
 @lru_cache(maxsize=8)

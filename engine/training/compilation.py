@@ -13,13 +13,13 @@ import torch
 
 from ..core.child_process import child_beside
 from ..core.errors import HeritageError
+from ..core.system import usable_cores
 from ..rasterizer import (
     JIT,
     cache_folder,
     compile_backward,
     compile_forward,
     garbage_collection_paused,
-    n_usable_cores,
 )
 from .adam import AdamState, adam_step
 from .losses import photometric_loss
@@ -33,7 +33,7 @@ def compile_kernels() -> None:
     Call it before training, so that the first step does not wait for the compiler.
     """
     marker = cache_folder() / "compiled"
-    use_second_process = JIT["cache"] and n_usable_cores() > 1 and not marker.exists()
+    use_second_process = JIT["cache"] and len(usable_cores()) > 1 and not marker.exists()
     with garbage_collection_paused(), contextlib.ExitStack() as context:
         helper = None
         if use_second_process:

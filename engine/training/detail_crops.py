@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.arrays import Float32, Mask, Pixels
-from ..rasterizer import n_usable_cores
+from ..core.system import usable_cores
 from ..scene import PinholeCamera
 
 _COARSE = 0.25  # chosen on museum_room
@@ -174,7 +174,7 @@ class Levels:
 
     def __init__(self, crops: Sequence[DetailCrop], plan: DetailPlan) -> None:
         self._crops, self._plan = crops, plan
-        with ThreadPoolExecutor(n_usable_cores()) as pool:
+        with ThreadPoolExecutor(len(usable_cores())) as pool:
             self._coarse = list(pool.map(lambda crop: crop.reduced(plan.window_pixels), crops))
             self._middle = list(pool.map(_as_large_as_its_maps, crops))
         weights = np.array([crop.weight for crop in crops])

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ..core.arrays import evenly_spaced_indices
 from ..core.errors import Cancelled, DiskError
 from ..core.events import Emit, Metric, Preview, Progress, StopCheck, Warned
 from ..core.parts import part
@@ -33,7 +34,7 @@ from .steps import Inputs, Steps
 from .thinning import MAX_CAMERAS, SIDE, changes_by_removal, thin
 from .transients import find_transients
 from .trials import Trial, brightness_factors, exposure_corrected_quality
-from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
+from .views import Level, TrainingView, ViewPyramid, scene_extent
 
 STAGE = "training"
 

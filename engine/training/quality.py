@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..core.arrays import evenly_spaced_indices
 from ..core.events import StopCheck
 from ..rasterizer.settings import Backend
 from ..scene import CameraSet, Gaussians
@@ -20,7 +21,7 @@ from .held_out import MAX_MEASURED_PHOTOS, Quality, image_quality, mean_quality,
 from .parameters import Parameters
 from .settings import TrainingSettings
 from .trials import brightness_factors
-from .views import Level, ViewPyramid, evenly_spaced_indices, load_views
+from .views import Level, ViewPyramid, load_views
 
 BRIGHT = 40.0 / 255.0
 """Brightness of a photo's pixel from which a picture of less than half of it counts as dark."""

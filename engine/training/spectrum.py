@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .views import TrainingView, evenly_spaced_indices
+from ..core.arrays import evenly_spaced_indices
+from .views import TrainingView
 
 MAX_PHOTOS = 8
 """Largest number of photos, evenly spaced, whose spectrum is computed."""

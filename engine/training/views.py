@@ -59,11 +59,6 @@ def is_held_out(index: int, every: int) -> bool:
     return every > 0 and index % every == every // 2
 
 
-def evenly_spaced_indices(n: int, n_max: int) -> list[int]:
-    """Return at most `n_max` of the indices 0 to `n` - 1, evenly spaced, with the first and the last one."""
-    return [int(index) for index in np.linspace(0, n - 1, min(n_max, n)).round()]
-
-
 def load_views(
     photo_folder: Path,
     camera_set: CameraSet,
