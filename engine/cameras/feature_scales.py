@@ -143,7 +143,7 @@ def _parts(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> 
 def _most_connected(ids: Sequence[int], pairs: Sequence[tuple[int, int, int, float]]) -> list[int]:
     """Return the ids of the largest part that `pairs` connect."""
     parts = _parts(ids, pairs)
-    return [ids[index] for index in np.flatnonzero(parts == np.bincount(parts).argmax())]
+    return [ids[index] for index in np.flatnonzero(parts == np.bincount(parts).argmax()).tolist()]
 
 
 def _size_ratios(database: Path) -> tuple[list[int], list[tuple[int, int, int, float]]]:

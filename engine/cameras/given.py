@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,18 +83,17 @@ def read_cameras(
     else:
         given, points = _from_export(model, photo_set, emit, should_stop)
     choice = choose_orientations(given, points, photo_set.folder, model, should_stop)
-    with nullcontext(folder) if folder else tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as work:
+    with ExitStack() as ending:
+        work = folder or Path(ending.enter_context(tempfile.TemporaryDirectory(prefix="gaussian-heritage-")))
         chosen = choice.chosen
         if choice.open:
             chosen = orientations_by_matches(
-                given, choice, model, photo_set, settings, Path(work), emit=emit, should_stop=should_stop
+                given, choice, model, photo_set, settings, work, emit=emit, should_stop=should_stop
             )
         cameras, points = upright_cameras(given, chosen, points, model)
         _require_usable_cameras(cameras, model)
         if len(points.positions) == 0 and len(cameras) >= 2:
-            points = SparsePoints(
-                *triangulate(cameras, photo_set, Path(work), settings, emit=emit, should_stop=should_stop)
-            )
+            points = SparsePoints(*triangulate(cameras, photo_set, work, settings, emit=emit, should_stop=should_stop))
     return camera_set(
         cameras,
         (photo.name for photo in photo_set.photos),

@@ -324,7 +324,8 @@ class SceneGraph:
         array of shape [N], float32
             0 to 1. NaN for what other photos show more (`LARGE`), and for all where there are too few outlines.
         """
-        iou, best, well = (of[0] for of in self._segment_ious(csr_matrix(members[None], dtype=np.float32)))
+        ious, bests, wells = self._segment_ious(csr_matrix(members[None], dtype=np.float32))
+        iou, best, well = ious[0], bests[0], wells[0]
         outlines = np.flatnonzero((iou >= least) & (iou == best[self.photo]))
         if by_most and (best[well] >= least).sum() < LARGE * well.sum():
             outlines = outlines[:0]

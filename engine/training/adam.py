@@ -130,7 +130,8 @@ def adam_step(
                 f"the gradient of parameter {index} (shape {tuple(groups[index][0].shape)}) is not finite in {n_bad} "
                 "values; lower the learning rate or resume from the last checkpoint."
             )
-    (beta1, beta2), calls = BETAS, []
+    beta1, beta2 = BETAS
+    calls = []
     for (parameter, _, rate), gradient, state in zip(groups, gradients, states, strict=True):
         for tensor in (parameter, state.mean, state.square):
             if not tensor.is_contiguous() or tensor.dtype != torch.float32 or tensor.shape != parameter.shape:

@@ -274,7 +274,7 @@ def test_what_photos_take_for_a_part_of_the_object_but_nothing_connects_with_it_
     rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
     whole = as_pinhole(blobs.cameras.cameras[1])
     view = views.from_anywhere(
-        whole.part(columns[0], rows[0], int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1),
+        whole.part(int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1),
     )
     mask = shown[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     evidence = MaskEvidence(view, view.from_photo(mask), 1.0)
