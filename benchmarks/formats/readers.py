@@ -13,6 +13,7 @@ import numpy as np
 
 from engine.core.errors import EnvironmentProblem
 from engine.formats import (
+    FileFacts,
     file_from_z_up,
     read_glb,
     read_ksplat,
@@ -78,9 +79,9 @@ def reader_rows(gaussians: Gaussians, folder: Path) -> list[Row]:
     seen = np.arange(len(gaussians)) % 50
     ply, glb, spz, usd = (folder / f"a.{suffix}" for suffix in ("ply", "glb", "spz", "usdc"))
     write_ply(ply, gaussians, up="-y", comments=["title Ölkanne"], extra={"photos_seen": seen})
-    write_glb(glb, gaussians, extras={"title": "Ölkanne"}, seen=seen)
+    write_glb(glb, gaussians, FileFacts(extras={"title": "Ölkanne"}, seen=seen))
     write_spz(spz, gaussians)
-    write_usd(usd, gaussians, seen=seen)
+    write_usd(usd, gaussians, FileFacts(seen=seen))
     stored = read_ply_file(ply).gaussians
     rows = [("PLY", "gsply", _difference(_of_gsply(gsply.plyread(str(ply))), stored))]
     table = PlyData.read(str(ply))["vertex"]

@@ -400,9 +400,10 @@ def _read_usd(suffix: str, folder: Path) -> object:
 
 
 def _write_glb(folder: Path) -> None:
-    from engine.formats import write_glb
+    from engine.formats import FileFacts, write_glb
 
-    write_glb(folder / "scene.glb", _gaussians(), name="vase", copyright="CC0", extras={"title": "Vase"})
+    facts = FileFacts("vase", rights="CC0", extras={"title": "Vase"})
+    write_glb(folder / "scene.glb", _gaussians(), facts)
 
 
 def _read_glb(folder: Path) -> object:

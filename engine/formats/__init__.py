@@ -8,6 +8,7 @@ from ..core.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .axes import Up, file_from_z_up
+    from .facts import FileFacts
     from .glb import read_glb, write_glb
     from .kinds import READ_SUFFIXES, kind_of, read_other
     from .ksplat import read_ksplat
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from .spherical_harmonics import SH_C0
     from .splat import read_splat
     from .spz import read_spz, write_spz
-    from .table import DEFAULT_FORMAT, FORMATS, FileFacts, Format, WritingTools, format_of, write_mesh, write_scene
+    from .table import DEFAULT_FORMAT, FORMATS, Format, WritingTools, format_of, write_mesh, write_scene
     from .transform import logits_of, transform_gaussians
     from .usd import has_openusd, write_usd
     from .usd_elsewhere import write_usd_elsewhere

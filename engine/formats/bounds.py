@@ -6,7 +6,7 @@ import contextlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from ..core.errors import FormatError
 from ..core.files import opened
 from ..core.system import free_memory
 from ..scene import Gaussians
+from .axes import Up, file_from_z_up
+from .transform import AffineMap
 
 _ALWAYS_FREE = 128 << 20
 _ROWS_PER_CHUNK = 1 << 14
@@ -50,6 +52,26 @@ def require_memory(path: Path, n_bytes: int) -> None:
             f"{path} takes {n_bytes / 1e9:.1f} GB of memory to read, and {free / 1e9:.1f} GB are free. Close other "
             "programs, or read it on a computer with more memory."
         )
+
+
+def fill(values: NDArray[Any], stream: IO[bytes], path: Path, advice: str) -> None:
+    """Read the contiguous `values` from a file that has as many bytes; raises `FormatError` where it has no longer."""
+    if cast(Any, stream).readinto(values.view(np.uint8)) < values.nbytes:
+        raise FormatError(f"{path} became shorter while it was read. {advice}")
+
+
+def upright(gaussians: Gaussians, up: Up, path: Path, advice: str) -> Gaussians:
+    """Return Gaussians of a file whose axis `up` points up, turned in place to the engine's world, Z up.
+
+    Raises
+    ------
+    FormatError
+        When a value is not finite or too large.
+    """
+    if not usable_rows(gaussians).all():
+        raise FormatError(f"{path} has Gaussians with values that are not finite or too large. {advice}")
+    AffineMap.of(file_from_z_up(up).T, gaussians.sh_degree).apply(gaussians, into=gaussians)
+    return gaussians
 
 
 def usable_rows(gaussians: Gaussians) -> NDArray[np.bool_]:

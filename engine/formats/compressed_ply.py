@@ -8,7 +8,7 @@ opacity in 8 bits each. The element ``sh`` has 8 bits for each further coefficie
 from __future__ import annotations
 
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..core.arrays import Float32
 from ..core.errors import FormatError
 from ..scene import Gaussians
-from .bounds import require_memory
+from .bounds import fill, require_memory
 from .ply_header import Element, Header, require_rows, skip_to
 from .spherical_harmonics import SH_C0
 from .transform import logits_of
@@ -44,8 +44,7 @@ def read_compressed(stream: IO[bytes], header: Header, path: Path, size: int, ad
         _check(element, path)
         require_rows(stream, element, path, size, advice)
         values = np.empty(element.count, element.dtype)
-        if cast(Any, stream).readinto(values.view(np.uint8)) < values.nbytes:
-            raise FormatError(f"{path} became shorter while it was read. {advice}")
+        fill(values, stream, path, advice)
         return values
 
     count = next((element.count for element in header.elements if element.name == "vertex"), 0)

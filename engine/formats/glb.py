@@ -4,16 +4,15 @@ Conventions of the file: metres by definition of glTF (the engine writes its wor
 quaternions xyzw, opacities in [0, 1], spherical harmonics of sRGB colours. The engine has Z up, log-scales, quaternions
 wxyz and opacity logits.
 
-The writer applies `y_up_from_z_up` to positions, rotations and spherical harmonics instead of writing a node rotation,
+The writer turns positions, rotations and spherical harmonics to Y up instead of writing a node rotation,
 because some viewers ignore node transforms on splats. The reader applies the inverse.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, cast
@@ -21,31 +20,26 @@ from typing import IO, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..core.errors import FormatError
-from ..core.files import atomic_write, opened, optional, parse_json
+from ..core.files import opened, optional, parse_json
 from ..scene import Gaussians, unit_quats
-from .axes import y_up_from_z_up, z_up_from_y_up
-from .bounds import require_memory, usable_rows
+from .bounds import require_memory, upright
+from .facts import NO_FACTS, FileFacts
+from .gltf import ARRAY_BUFFER, BIN_CHUNK, FLOAT, JSON_CHUNK, MAGIC, USHORT, document_of, write_parts
 from .origin import require_near
 from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .spherical_harmonics import SH_C0
-from .transform import AffineMap, logits_of, transform_gaussians
+from .transform import logits_of, transform_gaussians
 
 EXTENSION = "KHR_gaussian_splatting"
-XMP = "KHR_xmp_json_ld"
 _ROTATION = f"{EXTENSION}:ROTATION"
 _SCALE = f"{EXTENSION}:SCALE"
 _OPACITY = f"{EXTENSION}:OPACITY"
 _SEEN = "_PHOTOS_SEEN"
 _ROWS_PER_CHUNK = 1 << 16
 """Gaussians whose values are made at once."""
-MAGIC, JSON_CHUNK, BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
-_FLOAT, _USHORT, _ARRAY_BUFFER = 5126, 5123, 34962
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-MAX_FILE_SIZE = 2**32 - 1
-"""Bytes; the header of a GLB states its size as a 32 bit number."""
 _MAX_JSON_BYTES = 16 << 20
 _SCHEMA = {
     "asset": {"generator": optional(str), "extras": optional(object)},
@@ -60,35 +54,15 @@ _SCHEMA = {
 """The parts of the JSON part that are read."""
 
 
-def write_glb(
-    path: Path,
-    gaussians: Gaussians,
-    *,
-    name: str = "Gaussians",
-    copyright: str | None = None,
-    extras: Mapping[str, Any] | None = None,
-    xmp: Mapping[str, Any] | None = None,
-    matrix: NDArray[np.float64] | None = None,
-    seen: NDArray[np.integer] | None = None,
-) -> None:
+def write_glb(path: Path, gaussians: Gaussians, facts: FileFacts = NO_FACTS) -> None:
     """Write `gaussians` as a GLB atomically, replacing an existing file.
 
     Parameters
     ----------
     gaussians : Gaussians
         In the engine's world (Z up). Features are not written.
-    name : str
-        Name of the node and the mesh.
-    copyright : str, optional
-        ``asset.copyright``: credit line or rights statement.
-    extras : mapping, optional
-        JSON values for ``asset.extras``, e.g. the museum record.
-    xmp : mapping, optional
-        Packet of XMP about the whole file, written with the extension KHR_xmp_json_ld.
-    matrix : array of shape [4, 4], float64, optional
-        A transform of the Gaussians before they are turned.
-    seen : array of shape [N], int, optional
-        Number of photos that saw each Gaussian, for the attribute ``_PHOTOS_SEEN``.
+    facts : FileFacts
+        Its XMP is written with the extension KHR_xmp_json_ld, `seen` as the attribute ``_PHOTOS_SEEN``.
 
     Raises
     ------
@@ -100,30 +74,18 @@ def write_glb(
         When the file cannot be written.
     """
     check_finite(gaussians)
-    require_near(gaussians, matrix, path)
+    require_near(gaussians, facts.matrix, path)
     if gaussians.antialiased:
-        extras = {**(extras or {}), RENDER_MODE_KEY: RENDER_MODE[True]}
-    turned = transform_gaussians(gaussians, y_up_from_z_up() if matrix is None else y_up_from_z_up() @ matrix)
-    attributes = _attributes(turned, seen)
-    document, n_bytes = _document(
-        attributes, name=name, copyright=copyright, extras=extras, xmp=xmp, bounds=_bounds(turned), count=len(turned)
+        facts = replace(facts, extras={**(facts.extras or {}), RENDER_MODE_KEY: RENDER_MODE[True]})
+    turned = transform_gaussians(gaussians, facts.transform("y"))
+    attributes = _attributes(turned, facts.seen)
+    document, n_bytes = _document(turned, attributes, facts)
+    rows = (
+        np.ascontiguousarray(attribute.values(slice(start, start + _ROWS_PER_CHUNK)), attribute.dtype).data
+        for attribute in attributes.values()
+        for start in range(0, len(turned), _ROWS_PER_CHUNK)
     )
-    text = json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + (8 + n_bytes if n_bytes else 0)
-    if total > MAX_FILE_SIZE:
-        raise FormatError(
-            f"{path} would take {total / 2**30:.1f} GiB; GLB is limited to 4 GiB. Export fewer Gaussians, or as PLY."
-        )
-    with atomic_write(path) as stream:
-        stream.write(struct.pack("<III", MAGIC, 2, total))
-        stream.write(struct.pack("<II", len(text), JSON_CHUNK) + text)
-        if n_bytes:
-            stream.write(struct.pack("<II", n_bytes, BIN_CHUNK))
-            for attribute in attributes.values():
-                for start in range(0, len(turned), _ROWS_PER_CHUNK):
-                    part = slice(start, start + _ROWS_PER_CHUNK)
-                    stream.write(np.ascontiguousarray(attribute.values(part), attribute.dtype).data)
+    write_parts(path, document, rows, n_bytes, "Export fewer Gaussians, or as PLY.")
 
 
 @dataclass(frozen=True)
@@ -165,58 +127,25 @@ def _fallback_color(gaussians: Gaussians) -> NDArray[np.float64]:
     return np.round(color * 65535)
 
 
-def _bounds(gaussians: Gaussians) -> tuple[list[float], list[float]]:
-    if len(gaussians) == 0:
-        return [], []
-    return gaussians.means.min(axis=0).tolist(), gaussians.means.max(axis=0).tolist()
-
-
 def _sh_name(degree: int, order: int) -> str:
     return f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{order}"
 
 
-def _document(
-    attributes: dict[str, _Attribute],
-    *,
-    name: str,
-    copyright: str | None,
-    extras: Mapping[str, Any] | None,
-    xmp: Mapping[str, Any] | None,
-    bounds: tuple[list[float], list[float]],
-    count: int,
-) -> tuple[dict[str, Any], int]:
+def _document(gaussians: Gaussians, attributes: dict[str, _Attribute], facts: FileFacts) -> tuple[dict[str, Any], int]:
     """Return the JSON part, and the size of the binary part, whose rows have a multiple of 4 bytes."""
-    asset: dict[str, Any] = {"version": "2.0", "generator": f"Gaussian Heritage {__version__}"}
-    if copyright:
-        asset["copyright"] = copyright
-    if extras:
-        asset["extras"] = dict(extras)
-    node: dict[str, Any] = {"name": name}
-    document: dict[str, Any] = {
-        "asset": asset,
-        "extensionsUsed": [EXTENSION],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [node],
-    }
-    if xmp is not None:
-        document["extensionsUsed"].append(XMP)
-        document["extensions"] = {XMP: {"packets": [dict(xmp)]}}
-        asset["extensions"] = {XMP: {"packet": 0}}
+    document, count = document_of(facts), len(gaussians)
     if count == 0:
         # glTF does not allow an empty accessor: an object without Gaussians is a node without a mesh.
-        document["extensionsUsed"].remove(EXTENSION)
-        if xmp is None:
-            del document["extensionsUsed"]
         return document, 0
+    document["extensionsUsed"] = [EXTENSION, *document.get("extensionsUsed", [])]
     accessors, views, offset = [], [], 0
     for attribute in attributes.values():
         is_integer = attribute.dtype == "<u2"
         n_bytes = count * attribute.width * np.dtype(attribute.dtype).itemsize
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": n_bytes, "target": _ARRAY_BUFFER})
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": n_bytes, "target": ARRAY_BUFFER})
         accessor: dict[str, Any] = {
             "bufferView": len(views) - 1,
-            "componentType": _USHORT if is_integer else _FLOAT,
+            "componentType": USHORT if is_integer else FLOAT,
             "count": count,
             "type": _TYPES[attribute.width],
         }
@@ -224,8 +153,8 @@ def _document(
             accessor["normalized"] = True
         accessors.append(accessor)
         offset += n_bytes
-    accessors[0]["min"], accessors[0]["max"] = bounds
-    node["mesh"] = 0
+    accessors[0] |= {"min": gaussians.means.min(axis=0).tolist(), "max": gaussians.means.max(axis=0).tolist()}
+    document["nodes"][0]["mesh"] = 0
     primitive = {
         "attributes": {key: index for index, key in enumerate(attributes)},
         "mode": 0,
@@ -238,7 +167,7 @@ def _document(
             }
         },
     }
-    document["meshes"] = [{"name": name, "primitives": [primitive]}]
+    document["meshes"] = [{"name": facts.name, "primitives": [primitive]}]
     document |= {"accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": offset}]}
     return document, offset
 
@@ -265,10 +194,7 @@ def read_glb(path: Path) -> Gaussians:
             raise FormatError(
                 f"{path} is not a GLB with Gaussians that can be read ({error!r}). Export it again."
             ) from error
-    if not usable_rows(gaussians).all():
-        raise FormatError(f"{path} has Gaussians with values that are not finite or too large. Export it again.")
-    AffineMap.of(z_up_from_y_up(), gaussians.sh_degree).apply(gaussians, into=gaussians)
-    return gaussians
+    return upright(gaussians, "y", path, "Export it again.")
 
 
 def _accessors_of_splats(document: dict[str, Any], path: Path) -> dict[str, int]:
@@ -363,7 +289,7 @@ def _read_accessor(
 ) -> NDArray[np.float32]:
     accessor = document["accessors"][_index(index)]
     view = document["bufferViews"][_index(accessor["bufferView"])]
-    if accessor["componentType"] != _FLOAT or "byteStride" in view or "sparse" in accessor:
+    if accessor["componentType"] != FLOAT or "byteStride" in view or "sparse" in accessor:
         raise FormatError(
             f"{path} has quantised or interleaved Gaussians, which is not supported. Export plain floats."
         )

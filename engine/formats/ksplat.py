@@ -12,17 +12,17 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError
 from ..scene import Gaussians
-from .axes import Up, file_from_z_up
-from .bounds import opened_with_size, require_memory, usable_rows
+from .axes import Up
+from .bounds import fill, opened_with_size, require_memory, upright
 from .splat import coefficients_of, log_scales_of
-from .transform import AffineMap, logits_of
+from .transform import logits_of
 
 _HEADER, _SECTION_HEADER = 4096, 1024
 _MAX_SECTIONS = 10_000
@@ -77,10 +77,7 @@ def read_ksplat(path: Path, *, up: Up | None = None) -> Gaussians:
         for section in sections:
             _read_section(stream, section, level, (low, high), gaussians[start : start + section.count], path)
             start += section.count
-    if not usable_rows(gaussians).all():
-        raise FormatError(f"{path} has Gaussians with values that are not finite or too large. {_ADVICE}")
-    AffineMap.of(file_from_z_up(up or "-y").T, gaussians.sh_degree).apply(gaussians, into=gaussians)
-    return gaussians
+    return upright(gaussians, up or "-y", path, _ADVICE)
 
 
 def _sh_range(head: bytes) -> tuple[float, float]:
@@ -179,8 +176,7 @@ def _read_section(
 
 def _array(stream: IO[bytes], count: int, dtype: np.dtype[Any], path: Path) -> NDArray[Any]:
     values = np.empty(count, dtype)
-    if values.nbytes and cast(Any, stream).readinto(values.view(np.uint8)) < values.nbytes:
-        raise FormatError(f"{path} became shorter while it was read. {_ADVICE}")
+    fill(values, stream, path, _ADVICE)
     return values
 
 

@@ -14,6 +14,7 @@ from ..core.errors import FormatError
 from ..core.files import atomic_write, write_file
 from ..core.visible_text import visible
 from ..scene import Mesh
+from .facts import FileFacts
 from .ply import ascii_text
 
 SEEN_MATERIAL, FILLED_MATERIAL = "photographed", "filled_seen_by_no_photo"
@@ -23,7 +24,7 @@ _STL_HEADER = 80
 _LINES_PER_CHUNK = 1 << 16
 
 
-def write_mesh_ply(path: Path, mesh: Mesh, *, comments: Sequence[str] = ()) -> None:
+def write_mesh_ply(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
     """Write a mesh as binary PLY, atomically, with colours and with ``seen`` (1 or 0) of vertices and triangles.
 
     Parameters
@@ -48,7 +49,7 @@ def write_mesh_ply(path: Path, mesh: Mesh, *, comments: Sequence[str] = ()) -> N
     rows["seen"] = mesh.seen_vertices
     faces = np.empty(len(mesh.faces), [("n", "u1"), ("corners", "<i4", 3), ("seen", "u1")])
     faces["n"], faces["corners"], faces["seen"] = 3, mesh.faces, mesh.seen
-    lines = ["ply", "format binary_little_endian 1.0", *_comments(comments)]
+    lines = ["ply", "format binary_little_endian 1.0", *_comments(facts.comments)]
     lines += [f"element vertex {len(rows)}"]
     lines += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
     lines += [f"property uchar {name}" for name in ("red", "green", "blue", "seen")]
@@ -59,7 +60,7 @@ def write_mesh_ply(path: Path, mesh: Mesh, *, comments: Sequence[str] = ()) -> N
         stream.write(faces.tobytes())
 
 
-def write_mesh_stl(path: Path, mesh: Mesh, *, unit: str) -> None:
+def write_mesh_stl(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
     """Write a mesh as binary STL, atomically. Its header says the unit and how many triangles no photo saw.
 
     Raises
@@ -67,6 +68,9 @@ def write_mesh_stl(path: Path, mesh: Mesh, *, unit: str) -> None:
     DiskError
         When the file cannot be written.
     """
+    # Programs for printing take the numbers of an STL for millimetres.
+    scale, unit = (1.0, "unknown") if facts.metres_per_unit is None else (1000 * facts.metres_per_unit, "millimetre")
+    mesh = mesh.moved(np.diag([scale, scale, scale, 1.0]))
     text = f"Gaussian Heritage {__version__}; unit: {unit}; {mesh.n_filled} of {len(mesh.faces)} filled"
     corners = mesh.vertices[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -80,7 +84,7 @@ def write_mesh_stl(path: Path, mesh: Mesh, *, unit: str) -> None:
         stream.write(rows.tobytes())
 
 
-def write_mesh_obj(path: Path, mesh: Mesh, texture: bytes, *, name: str, comments: Sequence[str] = ()) -> None:
+def write_mesh_obj(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
     """Write a mesh as OBJ with its material (``.mtl``) and texture (``.png``) beside it. The OBJ is written last.
 
     Parameters
@@ -103,8 +107,8 @@ def write_mesh_obj(path: Path, mesh: Mesh, texture: bytes, *, name: str, comment
         for one in (SEEN_MATERIAL, FILLED_MATERIAL):
             stream.write(f"newmtl {one}\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd {picture.name}\n")
     with atomic_write(path, "w") as stream:
-        stream.writelines(f"# {visible(line)}\n" for line in (f"Gaussian Heritage {__version__}", *comments))
-        stream.write(f"mtllib {material.name}\no {'_'.join(visible(name).split()) or 'mesh'}\n")
+        stream.writelines(f"# {visible(line)}\n" for line in (f"Gaussian Heritage {__version__}", *facts.comments))
+        stream.write(f"mtllib {material.name}\no {'_'.join(visible(facts.name).split()) or 'mesh'}\n")
         _write_rows(stream, "v", mesh.vertices)
         _write_rows(stream, "vt", mesh.uv)
         _write_rows(stream, "vn", mesh.normals)

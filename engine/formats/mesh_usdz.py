@@ -5,9 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +14,7 @@ from .. import __version__
 from ..core.files import write_file
 from ..core.visible_text import visible
 from ..scene import Mesh
+from .facts import FileFacts
 from .mesh_glb import MESH_ROUGHNESS
 from .mesh_plain import FILLED_MATERIAL, SEEN_MATERIAL
 
@@ -26,34 +25,24 @@ _LAYER, _TEXTURE = "mesh.usda", "textures/base_color.png"
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def write_mesh_usdz(
-    path: Path,
-    mesh: Mesh,
-    texture: bytes,
-    *,
-    name: str,
-    metres_per_unit: float | None,
-    custom_data: Mapping[str, Any] | None = None,
-) -> None:
+def write_mesh_usdz(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
     """Write a mesh as USDZ, atomically.
 
     Parameters
     ----------
     mesh : Mesh
         Z up.
+    facts : FileFacts
+        ``metres_per_unit`` of None is said in the layer, which states 1 then, as for Gaussians.
     texture : bytes
         As PNG.
-    metres_per_unit : float, optional
-        None: unknown, which the layer says; it states 1 then, as for Gaussians.
-    custom_data : mapping, optional
-        JSON values for ``customLayerData``.
 
     Raises
     ------
     DiskError
         When the file cannot be written.
     """
-    files = {_LAYER: _layer(mesh, name, metres_per_unit, custom_data).encode(), _TEXTURE: texture}
+    files = {_LAYER: _layer(mesh, facts).encode(), _TEXTURE: texture}
     whole = io.BytesIO()
     with zipfile.ZipFile(whole, "w", zipfile.ZIP_STORED) as archive:
         for file, data in files.items():
@@ -66,11 +55,12 @@ def write_mesh_usdz(
     write_file(path, whole.getbuffer())
 
 
-def _layer(mesh: Mesh, name: str, metres_per_unit: float | None, custom_data: Mapping[str, Any] | None) -> str:
+def _layer(mesh: Mesh, facts: FileFacts) -> str:
+    unit = facts.metres_per_unit
     data = {"generator": f"Gaussian Heritage {__version__}"}
-    data |= {} if metres_per_unit is not None else {"unit": "unknown"}
+    data |= {} if unit is not None else {"unit": "unknown"}
     # One text: keys of records are no identifiers of USD.
-    data |= {"record": json.dumps(dict(custom_data), ensure_ascii=False)} if custom_data else {}
+    data |= {"record": json.dumps(dict(facts.extras), ensure_ascii=False)} if facts.extras else {}
     lines = "".join(f"        string {key} = {_text(value)}\n" for key, value in data.items())
     corners = mesh.vertices[mesh.corners]
     extent = np.stack([corners.min(axis=0), corners.max(axis=0)])
@@ -95,12 +85,12 @@ def _layer(mesh: Mesh, name: str, metres_per_unit: float | None, custom_data: Ma
     customLayerData = {{
 {lines}    }}
     defaultPrim = "Object"
-    metersPerUnit = {1.0 if metres_per_unit is None else metres_per_unit!r}
+    metersPerUnit = {1.0 if unit is None else unit!r}
     upAxis = "Z"
 )
 
 def Xform "Object" (
-    displayName = {_text(name)}
+    displayName = {_text(facts.name)}
     kind = "component"
 )
 {{

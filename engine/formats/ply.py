@@ -23,7 +23,7 @@ from ..core.errors import FormatError, NumericalError
 from ..core.files import atomic_write
 from ..scene import Gaussians
 from .axes import Up, file_from_z_up
-from .bounds import opened_with_size, require_memory, usable_rows
+from .bounds import fill, opened_with_size, require_memory, usable_rows
 from .compressed_ply import read_compressed
 from .origin import far_origin, moved_far
 from .ply_header import Header, read_header, require_rows, skip_to
@@ -323,8 +323,7 @@ def _read_rows(
     for start in range(0, count, _ROWS_PER_CHUNK):
         part = slice(start, min(start + _ROWS_PER_CHUNK, count))
         chunk = rows[: part.stop - start]
-        if cast(Any, stream).readinto(chunk.view(np.uint8)) < chunk.nbytes:
-            raise FormatError(f"{path} became shorter while it was read. {advice}")
+        fill(chunk, stream, path, advice)
         columns = columns_of(chunk)
         whole.means[part] = columns(*POSITION)
         if places is not None:

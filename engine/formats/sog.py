@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from ..core.errors import FormatError
 from ..core.files import opened_package, optional, parse_json, path_within, read_bytes
 from ..scene import Gaussians
-from .axes import Up, file_from_z_up
-from .bounds import require_memory, usable_rows
+from .axes import Up
+from .bounds import require_memory, upright
 from .picture_size import picture_size
-from .transform import AffineMap, logits_of
+from .transform import logits_of
 
 DecodePicture = Callable[[bytes], NDArray[np.uint8]]
 """Returns the pixels [H, W, 4] of a WebP or PNG picture with exactly its own values; raises `ValueError`."""
@@ -92,10 +92,7 @@ def read_sog(path: Path, decode: DecodePicture, *, up: Up | None = None) -> Gaus
         if type(count) is not int or not 0 < count <= MAX_COUNT:
             raise FormatError(f"{path} has {count} Gaussians; 1 to {MAX_COUNT} are supported. {_ADVICE}")
         gaussians = _Reader(path, meta, count, get, decode).gaussians()
-    if not usable_rows(gaussians).all():
-        raise FormatError(f"{path} has Gaussians with values that are not finite or too large. {_ADVICE}")
-    AffineMap.of(file_from_z_up(up or "-y").T, gaussians.sh_degree).apply(gaussians, into=gaussians)
-    return gaussians
+    return upright(gaussians, up or "-y", path, _ADVICE)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,8 @@ from ..core.arrays import Pixels
 from ..core.errors import FormatError
 from ..core.files import atomic_write
 from ..scene import Gaussians
-from .axes import Up, file_from_z_up
 from .codebooks import codebook, palette
+from .facts import NO_FACTS, FileFacts
 from .origin import require_near
 from .ply import check_finite
 from .sog import MAX_COUNT, META, PALETTE_WIDTH
@@ -37,15 +37,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the parts of the zip file: the same Gaussians give the same file."""
 
 
-def write_sog(
-    path: Path,
-    gaussians: Gaussians,
-    encode: EncodePicture,
-    *,
-    up: Up | None = "-y",
-    matrix: NDArray[np.float64] | None = None,
-    extras: Mapping[str, Any] | None = None,
-) -> None:
+def write_sog(path: Path, gaussians: Gaussians, encode: EncodePicture, facts: FileFacts = NO_FACTS) -> None:
     """Write `gaussians` as SOG 2, a zip file of pictures, atomically, replacing an existing file.
 
     Parameters
@@ -54,13 +46,8 @@ def write_sog(
         In the engine's world (Z up), at least one. Features are not written.
     encode : callable
         See `EncodePicture`: `engine.pictures.encode_picture` in the engine, and Blender's own.
-    up : {"z", "-y", "y"}, optional
-        The axis of the file that points up, to which the Gaussians are turned; -Y, as viewers expect. None: they are
-        not turned.
-    matrix : array of shape [4, 4], float64, optional
-        A transform of the Gaussians before they are turned.
-    extras : mapping, optional
-        JSON values for ``extras``, e.g. the museum record.
+    facts : FileFacts
+        Of these, the axis, the transform and the record are written.
 
     Raises
     ------
@@ -76,8 +63,8 @@ def write_sog(
         raise FormatError(
             f"{path} would have {len(gaussians)} Gaussians; SOG holds 1 to {MAX_COUNT}. Export it as PLY or GLB."
         )
-    require_near(gaussians, matrix, path)
-    turned = transform_gaussians(gaussians, file_from_z_up(up) if matrix is None else file_from_z_up(up) @ matrix)
+    require_near(gaussians, facts.matrix, path)
+    turned = transform_gaussians(gaussians, facts.transform(facts.up))
     turned = turned[_morton_order(turned.means)]
     meta: dict[str, Any] = {
         "version": 2,
@@ -85,7 +72,7 @@ def write_sog(
         "count": len(turned),
         # The first is what splat-transform writes, the second what other programs read.
         **({"model": "antialiased", "antialias": True} if turned.antialiased else {}),
-        **({"extras": dict(extras)} if extras else {}),
+        **({"extras": dict(facts.extras)} if facts.extras else {}),
     }
     with atomic_write(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
 

@@ -7,17 +7,16 @@ in 8 bits each, where 128 is 0. There are no harmonics. Values are in the axes o
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import FormatError
 from ..scene import Gaussians
-from .axes import Up, file_from_z_up
-from .bounds import opened_with_size, require_memory, usable_rows
+from .axes import Up
+from .bounds import fill, opened_with_size, require_memory, upright
 from .spherical_harmonics import SH_C0
-from .transform import AffineMap, logits_of
+from .transform import logits_of
 
 _ROW = np.dtype([("place", "<f4", 3), ("scales", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
 _ADVICE = "Copy or export it again."
@@ -45,8 +44,7 @@ def read_splat(path: Path, *, up: Up | None = None) -> Gaussians:
             )
         require_memory(path, count * (_ROW.itemsize + 14 * 4 + 40))
         rows = np.empty(count, _ROW)
-        if cast(Any, stream).readinto(rows.view(np.uint8)) < size:
-            raise FormatError(f"{path} became shorter while it was read. {_ADVICE}")
+        fill(rows, stream, path, _ADVICE)
     quats = rows["rotation"] / np.float32(255) * 2 - 1
     with np.errstate(invalid="ignore"):
         gaussians = Gaussians(
@@ -56,12 +54,7 @@ def read_splat(path: Path, *, up: Up | None = None) -> Gaussians:
             opacity_logits=logits_of(rows["color"][:, 3] / 255.0),
             sh=coefficients_of(rows["color"])[:, None],
         )
-    if not usable_rows(gaussians).all():
-        raise FormatError(
-            f"{path} has Gaussians with values that are not finite or too large; it may not be a SPLAT file. {_ADVICE}"
-        )
-    AffineMap.of(file_from_z_up(up or "-y").T, 0).apply(gaussians, into=gaussians)
-    return gaussians
+    return upright(gaussians, up or "-y", path, f"It may not be a SPLAT file. {_ADVICE}")
 
 
 def log_scales_of(scales: NDArray[np.floating], path: Path) -> NDArray[np.float32]:

@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 from ..core.errors import FormatError
 from ..core.files import atomic_write, opened
 from ..scene import Gaussians
-from .axes import Up, file_from_z_up, y_up_from_z_up
-from .bounds import require_memory, usable_rows
+from .axes import Up
+from .bounds import require_memory, upright
+from .facts import NO_FACTS, FileFacts
 from .origin import require_near
 from .ply import check_finite
-from .transform import AffineMap, logits_of, transform_gaussians
+from .transform import logits_of, transform_gaussians
 from .zstandard_streams import unpack_zstandard
 
 _MAGIC, _VERSION = 0x5053474E, 3
@@ -57,15 +58,15 @@ _CHUNK_BYTES = 1 << 18
 _FIELDS = ("positions", "alphas", "colors", "scales", "rotations", "sh")
 
 
-def write_spz(path: Path, gaussians: Gaussians, *, matrix: NDArray[np.float64] | None = None) -> None:
+def write_spz(path: Path, gaussians: Gaussians, facts: FileFacts = NO_FACTS) -> None:
     """Write `gaussians` as SPZ 3 atomically, replacing an existing file.
 
     Parameters
     ----------
     gaussians : Gaussians
         In the engine's world (Z up). Features are not written.
-    matrix : array of shape [4, 4], float64, optional
-        A transform of the Gaussians before they are turned.
+    facts : FileFacts
+        Of these, the transform; the format has no place for the others.
 
     Raises
     ------
@@ -81,8 +82,8 @@ def write_spz(path: Path, gaussians: Gaussians, *, matrix: NDArray[np.float64] |
         raise FormatError(
             f"{path} would have {len(gaussians)} Gaussians; SPZ is limited to {_MAX_COUNT}. Export it as PLY or GLB."
         )
-    require_near(gaussians, matrix, path)
-    turned = transform_gaussians(gaussians, y_up_from_z_up() if matrix is None else y_up_from_z_up() @ matrix)
+    require_near(gaussians, facts.matrix, path)
+    turned = transform_gaussians(gaussians, facts.transform("y"))
     fraction_bits = _fraction_bits(turned, path)
     packer = zlib.compressobj(_LEVEL, zlib.DEFLATED, _GZIP)
     with atomic_write(path) as stream:
@@ -190,10 +191,7 @@ def read_spz(path: Path, *, up: Up | None = None) -> Gaussians:
         gaussians = _unpack(unpacked, count, n_rest, version, fraction_bits)
         unpacked.require_end()
         gaussians = replace(gaussians, antialiased=bool(flags & _ANTIALIASED))
-    if not usable_rows(gaussians).all():
-        raise FormatError(f"{path} has Gaussians with values that are too large. {advice}")
-    AffineMap.of(file_from_z_up(up or "y").T, degree).apply(gaussians, into=gaussians)
-    return gaussians
+    return upright(gaussians, up or "y", path, advice)
 
 
 def _unpack(unpacked: _Unpacked | _Streams, count: int, n_rest: int, version: int, fraction_bits: int) -> Gaussians:

@@ -5,17 +5,14 @@ A new format is a module with its reader or writer, and a row in `FORMATS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..core.errors import SettingsError
 from ..scene import Gaussians, Mesh
-from .axes import Up, file_from_z_up
+from .axes import Up
+from .facts import FileFacts
 from .glb import read_glb, write_glb
 from .ksplat import read_ksplat
 from .mesh_glb import write_mesh_glb
@@ -27,55 +24,6 @@ from .sog_writing import EncodePicture, write_sog
 from .splat import read_splat
 from .spz import read_spz, write_spz
 from .usd import write_usd
-
-
-@dataclass(frozen=True)
-class FileFacts:
-    """What a file says beside its Gaussians. A format leaves out what it has no place for.
-
-    Attributes
-    ----------
-    name : str
-        Title of what the file shows.
-    matrix : array of shape [4, 4], float64, optional
-        A transform of the Gaussians, from the engine's world (Z up) to that of the file, Z up.
-    up : {"z", "-y", "y"}, optional
-        Axis that points up in files of formats that define none; None: the Gaussians are not turned.
-    metres_per_unit : float, optional
-        None: unknown.
-    extras : mapping, optional
-        The record, as JSON values.
-    comments : sequence of str
-        The record, as lines.
-    rights : str, optional
-        Credit line or rights statement.
-    xmp : mapping, optional
-        The record, as a packet of XMP.
-    seen : array of shape [N], int, optional
-        Number of photos that saw each Gaussian.
-    properties : mapping of str to array of shape [N]
-        Further properties of a PLY.
-    header : sequence of str
-        Header of the PLY from which the Gaussians came, see `write_ply`; a PLY alone takes it.
-    header_up : {"z", "-y", "y"}, optional
-        Axis that points up in that PLY.
-    lost : array of shape [N, 3], optional
-        See `write_ply`.
-    """
-
-    name: str = "Gaussians"
-    matrix: NDArray[np.float64] | None = None
-    up: Up | None = "-y"
-    metres_per_unit: float | None = None
-    extras: Mapping[str, Any] | None = None
-    comments: Sequence[str] = ()
-    rights: str | None = None
-    xmp: Mapping[str, Any] | None = None
-    seen: NDArray[np.integer] | None = None
-    properties: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    header: Sequence[str] = ()
-    header_up: Up | None = None
-    lost: NDArray[np.floating] | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +39,7 @@ class WritingTools:
     """
 
     encode_picture: EncodePicture
-    write_usd: Callable[..., None] = write_usd
+    write_usd: Callable[[Path, Gaussians, FileFacts], None] = write_usd
 
 
 Write = Callable[[Path, Gaussians, FileFacts, WritingTools], None]
@@ -186,63 +134,6 @@ def _write_ply(path: Path, gaussians: Gaussians, facts: FileFacts, tools: Writin
     )
 
 
-def _write_glb(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
-    write_glb(
-        path,
-        gaussians,
-        name=facts.name,
-        copyright=facts.rights,
-        extras=facts.extras,
-        xmp=facts.xmp,
-        matrix=facts.matrix,
-        seen=facts.seen,
-    )
-
-
-def _write_spz(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
-    write_spz(path, gaussians, matrix=facts.matrix)
-
-
-def _write_sog(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
-    write_sog(path, gaussians, tools.encode_picture, up=facts.up, matrix=facts.matrix, extras=facts.extras)
-
-
-def _write_usd(path: Path, gaussians: Gaussians, facts: FileFacts, tools: WritingTools) -> None:
-    tools.write_usd(
-        path,
-        gaussians,
-        name=facts.name,
-        metres_per_unit=facts.metres_per_unit,
-        custom_data=facts.extras,
-        matrix=facts.matrix,
-        seen=facts.seen,
-    )
-
-
-def _write_mesh_ply(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
-    write_mesh_ply(path, mesh, comments=facts.comments)
-
-
-def _write_mesh_obj(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
-    write_mesh_obj(path, mesh, texture, name=facts.name, comments=facts.comments)
-
-
-def _write_mesh_stl(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
-    # Programs for printing take the numbers of an STL for millimetres.
-    scale, unit = (1.0, "unknown") if facts.metres_per_unit is None else (1000 * facts.metres_per_unit, "millimetre")
-    write_mesh_stl(path, mesh.moved(np.diag([scale, scale, scale, 1.0])), unit=unit)
-
-
-def _write_mesh_glb(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
-    write_mesh_glb(path, mesh, texture, name=facts.name, copyright=facts.rights, extras=facts.extras, xmp=facts.xmp)
-
-
-def _write_mesh_usdz(path: Path, mesh: Mesh, facts: FileFacts, texture: bytes) -> None:
-    write_mesh_usdz(
-        path, mesh, texture, name=facts.name, metres_per_unit=facts.metres_per_unit, custom_data=facts.extras
-    )
-
-
 FORMATS: tuple[Format, ...] = (
     Format(
         "ply", "PLY", (".ply",), "application/x-ply",
@@ -254,14 +145,16 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "spz", "SPZ", (".spz",), "application/octet-stream",
         "Compressed to a sixth of the size, with some loss and without a record",
-        _write_spz, read=lambda path, decode, up: read_spz(path, up=up), starts=(b"\x1f\x8b", b"NGSP"),
+        lambda path, gaussians, facts, tools: write_spz(path, gaussians, facts),
+        read=lambda path, decode, up: read_spz(path, up=up), starts=(b"\x1f\x8b", b"NGSP"),
         carries_record=False, is_packed=True,
         package_note="the same in a sixth of the size, with rounded values (SPZ)",
     ),
     Format(
         "glb", "GLB", (".glb",), "model/gltf-binary",
         "Recommended: binary glTF with KHR_gaussian_splatting and the record, upright in every program",
-        _write_glb, read=lambda path, decode, up: read_glb(path), starts=(b"glTF",),
+        lambda path, gaussians, facts, tools: write_glb(path, gaussians, facts),
+        read=lambda path, decode, up: read_glb(path), starts=(b"glTF",),
         carries_seen=True, is_packed=True,
         package_note="the same as glTF with the extension KHR_gaussian_splatting, Y up",
     ),
@@ -269,7 +162,8 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "sog", "SOG", (".sog",), "application/zip",
         "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect",
-        _write_sog, read=lambda path, decode, up: read_sog(path, decode, up=up), starts=(b"PK", b"{"),
+        lambda path, gaussians, facts, tools: write_sog(path, gaussians, tools.encode_picture, facts),
+        read=lambda path, decode, up: read_sog(path, decode, up=up), starts=(b"PK", b"{"),
         read_suffixes=(".json",),
         is_packed=True,
     ),
@@ -277,7 +171,8 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "usd", "USD", (".usd", ".usdc", ".usda"), "model/vnd.usd",
         "OpenUSD 26.03 or newer, ParticleField3DGaussianSplat, Z up",
-        _write_usd, carries_seen=True, needs_openusd=True,
+        lambda path, gaussians, facts, tools: tools.write_usd(path, gaussians, facts),
+        carries_seen=True, needs_openusd=True,
     ),
     Format(
         "html", "page", (".html",), "text/html",
@@ -287,28 +182,28 @@ FORMATS: tuple[Format, ...] = (
     Format(
         "mesh", "mesh, PLY", (".ply",), "application/x-ply",
         "Mesh of an object with coloured vertices, and which of them no photo saw, Z up",
-        write_mesh=_write_mesh_ply,
+        write_mesh=write_mesh_ply,
     ),
     Format(
         "glb-mesh", "mesh, GLB", (".glb",), "model/gltf-binary",
         "Recommended for meshes: textured mesh of an object with the record, upright in every program",
-        write_mesh=_write_mesh_glb, mesh_up="y", defines_up=True, shows_texture=True, ignores_alpha=True,
+        write_mesh=write_mesh_glb, mesh_up="y", defines_up=True, shows_texture=True, ignores_alpha=True,
         is_packed=True,
     ),
     Format(
         "obj", "mesh, OBJ", (".obj",), "model/obj",
         "Textured mesh of an object for older programs, with its .mtl and .png beside it, Y up",
-        write_mesh=_write_mesh_obj, mesh_up="y", shows_texture=True, beside=(".mtl", ".png"),
+        write_mesh=write_mesh_obj, mesh_up="y", shows_texture=True, beside=(".mtl", ".png"),
     ),
     Format(
         "stl", "mesh, STL", (".stl",), "model/stl",
         "Mesh of an object for printing, in millimetres where the scale is known, without colours, Z up",
-        write_mesh=_write_mesh_stl, carries_record=False,
+        write_mesh=write_mesh_stl, carries_record=False,
     ),
     Format(
         "usd-mesh", "mesh, USDZ", (".usdz",), "model/vnd.usdz+zip",
         "Textured mesh of an object with the record in one file, Z up",
-        write_mesh=_write_mesh_usdz, shows_texture=True, is_packed=True,
+        write_mesh=write_mesh_usdz, shows_texture=True, is_packed=True,
     ),
     Format(
         "splat", "SPLAT", (".splat",), "application/octet-stream", "Of viewers for the web, 32 bytes for each Gaussian",
@@ -390,5 +285,5 @@ def write_mesh(path: Path, mesh: Mesh, name: str, facts: FileFacts, texture: byt
     if kind.write_mesh is None:
         meshes = ", ".join(one.name for one in FORMATS if one.write_mesh is not None)
         raise SettingsError(f"{path} cannot be written as a mesh in the format {name}. Choose one of {meshes}.")
-    turned = file_from_z_up(kind.mesh_up if facts.up is not None or kind.defines_up else None)
-    kind.write_mesh(path, mesh.moved(turned if facts.matrix is None else turned @ facts.matrix), facts, texture)
+    turned = facts.transform(kind.mesh_up if facts.up is not None or kind.defines_up else None)
+    kind.write_mesh(path, mesh.moved(turned), facts, texture)

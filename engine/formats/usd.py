@@ -12,18 +12,17 @@ from __future__ import annotations
 import functools
 import os
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import __version__
 from ..core.errors import DiskError, EnvironmentProblem, FormatError
 from ..core.files import TEMPORARY_PREFIX
 from ..core.system import replace_file
 from ..scene import Gaussians, unit_quats
+from .facts import NO_FACTS, FileFacts
 from .origin import require_near
 from .ply import check_finite
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
@@ -35,33 +34,17 @@ _MAX_COUNT = 20_000_000
 """Gaussians of a file: the arrays of OpenUSD are copies, and more than these need more memory than computers have."""
 
 
-def write_usd(
-    path: Path,
-    gaussians: Gaussians,
-    *,
-    name: str = "Gaussians",
-    metres_per_unit: float | None = None,
-    custom_data: Mapping[str, Any] | None = None,
-    matrix: NDArray[np.float64] | None = None,
-    seen: NDArray[np.integer] | None = None,
-) -> None:
+def write_usd(path: Path, gaussians: Gaussians, facts: FileFacts = NO_FACTS) -> None:
     """Write `gaussians` as binary USD (.usd, .usdc) or text (.usda) atomically, replacing an existing file.
 
     Parameters
     ----------
     gaussians : Gaussians
         In the engine's world (Z up). Features are not written.
-    name : str
-        Display name of the prim.
-    metres_per_unit : float, optional
-        Metres of a unit; None: unknown, which the stage says in its documentation and in ``customLayerData``. It states
-        1 then: for USD's own default, 0.01, other programs show the Gaussians 100 times too small.
-    custom_data : mapping, optional
-        Text, numbers and nested mappings for ``customLayerData``, e.g. the museum record.
-    matrix : array of shape [4, 4], float64, optional
-        A transform of the Gaussians.
-    seen : array of shape [N], int, optional
-        Number of photos that saw each Gaussian, for the attribute ``primvars:photosSeen``.
+    facts : FileFacts
+        ``metres_per_unit`` of None is said in the stage's documentation and in ``customLayerData``. The stage states 1
+        then: for USD's own default, 0.01, other programs show the Gaussians 100 times too small. The record is written
+        as ``customLayerData``, `seen` as the attribute ``primvars:photosSeen``.
 
     Raises
     ------
@@ -80,20 +63,20 @@ def write_usd(
     check_finite(gaussians)
     if len(gaussians) > _MAX_COUNT:
         raise FormatError(f"{path} would have {len(gaussians)} Gaussians; USD is limited to {_MAX_COUNT}. Export PLY.")
-    require_near(gaussians, matrix, path)
-    turned = gaussians if matrix is None else transform_gaussians(gaussians, matrix)
+    require_near(gaussians, facts.matrix, path)
+    turned = gaussians if facts.matrix is None else transform_gaussians(gaussians, facts.matrix)
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
     stage = Usd.Stage.Open(layer)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
-    UsdGeom.SetStageMetersPerUnit(stage, 1.0 if metres_per_unit is None else metres_per_unit)
-    if metres_per_unit is None:
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0 if facts.metres_per_unit is None else facts.metres_per_unit)
+    if facts.metres_per_unit is None:
         layer.documentation = _UNKNOWN_UNIT
-    unit = {} if metres_per_unit is not None else {"unit": "unknown"}
+    unit = {} if facts.metres_per_unit is not None else {"unit": "unknown"}
     mode = {RENDER_MODE_KEY: RENDER_MODE[True]} if gaussians.antialiased else {}
-    layer.customLayerData = {"generator": f"Gaussian Heritage {__version__}", **unit, **mode, **(custom_data or {})}
+    layer.customLayerData = {"generator": f"Gaussian Heritage {__version__}", **unit, **mode, **(facts.extras or {})}
     prim = stage.DefinePrim("/Gaussians", PRIM_TYPE)
     stage.SetDefaultPrim(prim)
-    prim.SetDisplayName(name)
+    prim.SetDisplayName(facts.name)
 
     def put(attribute: str, values: object) -> None:
         prim.GetAttribute(attribute).Set(values)
@@ -113,9 +96,9 @@ def write_usd(
         reach = 3 * turned.scales.max(axis=1, keepdims=True)
         corners = np.stack([(turned.means - reach).min(axis=0), (turned.means + reach).max(axis=0)])
         put("extent", Vt.Vec3fArray.FromNumpy(corners.astype(np.float32)))
-    if seen is not None:
+    if facts.seen is not None:
         primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("photosSeen", Sdf.ValueTypeNames.IntArray, "vertex")
-        primvar.Set(Vt.IntArray.FromNumpy(seen.astype(np.int32)))
+        primvar.Set(Vt.IntArray.FromNumpy(facts.seen.astype(np.int32)))
     _save(layer, path)
 
 

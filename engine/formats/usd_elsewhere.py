@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core.child_process import ChildFailure, run_in_child
 from ..core.errors import DiskError, StartError
 from ..scene import Gaussians
+from .facts import NO_FACTS, FileFacts
 from .ply import read_ply, write_ply
 from .usd import write_usd
 
@@ -23,18 +22,8 @@ _SECONDS = 60.0
 _BYTES_PER_SECOND = 2_000_000
 
 
-def write_usd_elsewhere(
-    python: Path,
-    path: Path,
-    gaussians: Gaussians,
-    *,
-    name: str = "Gaussians",
-    metres_per_unit: float | None = None,
-    custom_data: Mapping[str, Any] | None = None,
-    matrix: NDArray[np.float64] | None = None,
-    seen: NDArray[np.integer] | None = None,
-) -> None:
-    """Write `gaussians` as USD by `python`, which has OpenUSD; see `write_usd` for the other parameters.
+def write_usd_elsewhere(python: Path, path: Path, gaussians: Gaussians, facts: FileFacts = NO_FACTS) -> None:
+    """Write `gaussians` as USD by `python`, which has OpenUSD; see `write_usd` for `facts`.
 
     Raises
     ------
@@ -48,11 +37,11 @@ def write_usd_elsewhere(
         arguments = {
             "source": str(source),
             "target": str(path.absolute()),
-            "name": name,
-            "metres_per_unit": metres_per_unit,
-            "custom_data": None if custom_data is None else dict(custom_data),
-            "matrix": None if matrix is None else matrix.tolist(),
-            "seen": None if seen is None else seen.tolist(),
+            "name": facts.name,
+            "metres_per_unit": facts.metres_per_unit,
+            "extras": None if facts.extras is None else dict(facts.extras),
+            "matrix": None if facts.matrix is None else facts.matrix.tolist(),
+            "seen": None if facts.seen is None else facts.seen.tolist(),
         }
         try:
             run_in_child(
@@ -72,17 +61,16 @@ def usd_from_ply(
     target: str,
     name: str,
     metres_per_unit: float | None,
-    custom_data: dict[str, Any] | None,
+    extras: dict[str, Any] | None,
     matrix: list[list[float]] | None,
     seen: list[int] | None,
 ) -> None:
     """Write the Gaussians of the PLY file `source` as the USD file `target`; `write_usd_elsewhere` calls it."""
-    write_usd(
-        Path(target),
-        read_ply(Path(source)),
-        name=name,
+    facts = FileFacts(
+        name,
         metres_per_unit=metres_per_unit,
-        custom_data=custom_data,
+        extras=extras,
         matrix=None if matrix is None else np.array(matrix),
         seen=None if seen is None else np.array(seen),
     )
+    write_usd(Path(target), read_ply(Path(source)), facts)

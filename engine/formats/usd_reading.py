@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..core.child_process import ChildFailure, run_in_child
 from ..core.errors import FormatError
 from ..scene import Gaussians
-from .axes import z_up_from_y_up
+from .axes import file_from_z_up
 from .bounds import opened_with_size, require_memory, usable_rows
 from .ply import read_ply, write_ply
 from .render_mode import RENDER_MODE, RENDER_MODE_KEY
@@ -90,7 +90,7 @@ def convert_usd(source: str, target: str) -> None:
         ) from error
     if not usable_rows(gaussians).all():
         raise FormatError(f"{source} has Gaussians with values that are not finite or too large. Export it again.")
-    write_ply(Path(target), gaussians, matrix=z_up_from_y_up() @ matrix if is_y_up else matrix)
+    write_ply(Path(target), gaussians, matrix=file_from_z_up("y").T @ matrix if is_y_up else matrix)
 
 
 def _reason(error: Exception) -> str:

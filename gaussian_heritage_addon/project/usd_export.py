@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 from ...engine.core.errors import EnvironmentProblem
-from ...engine.formats import has_openusd, write_usd, write_usd_elsewhere
+from ...engine.formats import FileFacts, has_openusd, write_usd, write_usd_elsewhere
 from ...engine.scene import Gaussians
 from ..setup.preferences import current_python
 
@@ -20,7 +19,7 @@ def can_write_usd() -> bool:
     return has_openusd() or _python_with_openusd() is not None
 
 
-def write_usd_file(path: Path, gaussians: Gaussians, **facts: Any) -> None:
+def write_usd_file(path: Path, gaussians: Gaussians, facts: FileFacts) -> None:
     """Write `gaussians` as USD; see `engine.formats.write_usd` for `facts`.
 
     Raises
@@ -31,7 +30,7 @@ def write_usd_file(path: Path, gaussians: Gaussians, **facts: Any) -> None:
         As `write_usd`.
     """
     if has_openusd():
-        write_usd(path, gaussians, **facts)
+        write_usd(path, gaussians, facts)
         return
     python = _python_with_openusd()
     if python is None:
@@ -39,7 +38,7 @@ def write_usd_file(path: Path, gaussians: Gaussians, **facts: Any) -> None:
             f"{path.name} cannot be written, because neither Blender nor the engine has OpenUSD 26.03 or newer. Export "
             "GLB, PLY or SPZ instead, or install requirements/formats.txt into the engine's Python."
         )
-    write_usd_elsewhere(python, path, gaussians, **facts)
+    write_usd_elsewhere(python, path, gaussians, facts)
 
 
 def _python_with_openusd() -> Path | None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import FormatError, ObjectError
-from engine.formats import read_glb, read_ply, read_ply_file, write_glb, write_ply, write_spz
+from engine.formats import FileFacts, read_glb, read_ply, read_ply_file, write_glb, write_ply, write_spz
 
 from .conftest import RandomGaussians
 
@@ -82,7 +82,7 @@ def test_the_mark_is_written_with_and_without_the_header_of_the_file(
     assert read_ply_file(tmp_path / "b.ply").antialiased
     write_glb(tmp_path / "a.glb", mip)
     assert read_glb(tmp_path / "a.glb").antialiased
-    write_glb(tmp_path / "a.glb", plain, extras={"title": "Vase"})
+    write_glb(tmp_path / "a.glb", plain, FileFacts(extras={"title": "Vase"}))
     assert not read_glb(tmp_path / "a.glb").antialiased
 
 
@@ -147,10 +147,10 @@ def test_formats_of_float32_refuse_what_is_moved_too_far(tmp_path: Path, random_
     matrix[:3, 3] = UTM
     for write, name in ((write_glb, "a.glb"), (write_spz, "a.spz")):
         with pytest.raises(FormatError, match=rf"{name}.*around \(500123, 4649876, 1035\).*Export PLY"):
-            write(tmp_path / name, random_gaussians(50), matrix=matrix)
+            write(tmp_path / name, random_gaussians(50), FileFacts(matrix=matrix))
     # A metre or a hundred are no matter.
     matrix[:3, 3] = (100, 1, 0)
-    write_glb(tmp_path / "a.glb", random_gaussians(50), matrix=matrix)
+    write_glb(tmp_path / "a.glb", random_gaussians(50), FileFacts(matrix=matrix))
 
 
 def test_2d_gaussians_are_flat_ones_and_are_named(tmp_path: Path) -> None:

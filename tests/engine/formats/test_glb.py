@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from engine.core.errors import FormatError, NumericalError
-from engine.formats.axes import y_up_from_z_up, z_up_from_y_up
+from engine.formats.axes import file_from_z_up
+from engine.formats.facts import FileFacts
 from engine.formats.glb import read_glb, write_glb
 from engine.formats.spherical_harmonics import sh_basis
 
@@ -47,7 +48,7 @@ def test_up_is_up_in_gltf(tmp_path: Path, random_gaussians: RandomGaussians) -> 
     binary = tmp_path.joinpath("object.glb").read_bytes()
     start = 20 + struct.unpack_from("<I", binary, 12)[0] + 8
     assert np.frombuffer(binary, "<f4", 3, start).tolist() == [1, 3, -2]
-    np.testing.assert_array_equal(y_up_from_z_up() @ z_up_from_y_up(), np.eye(4))
+    np.testing.assert_array_equal(file_from_z_up("y") @ file_from_z_up("-y"), np.eye(4))
 
 
 def test_colour_from_a_rotated_direction_is_unchanged(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
@@ -61,7 +62,7 @@ def test_colour_from_a_rotated_direction_is_unchanged(tmp_path: Path, random_gau
     offsets = [document["bufferViews"][attributes[name]]["byteOffset"] for name in names]
     sh = np.stack([np.frombuffer(data, "<f4", 12, start + offset).reshape(4, 3) for offset in offsets], axis=1)
     direction = np.array([[0.48, -0.6, 0.64]])
-    seen = sh_basis(direction @ y_up_from_z_up()[:3, :3].T, 3) @ sh
+    seen = sh_basis(direction @ file_from_z_up("y")[:3, :3].T, 3) @ sh
     np.testing.assert_allclose(seen, sh_basis(direction, 3) @ gaussians.sh, atol=2e-6)
 
 
@@ -71,9 +72,7 @@ def test_json_part_follows_the_extension(tmp_path: Path, random_gaussians: Rando
     write_glb(
         path,
         gaussians,
-        name="Vase",
-        copyright="CC BY 4.0, Museum of Ü",
-        extras={"catalogueNumber": "1906.12"},
+        FileFacts("Vase", rights="CC BY 4.0, Museum of Ü", extras={"catalogueNumber": "1906.12"}),
     )
     document = json_part(path)
     assert document["asset"]["version"] == "2.0"
@@ -89,7 +88,7 @@ def test_json_part_follows_the_extension(tmp_path: Path, random_gaussians: Rando
     expected |= {f"{prefix}SH_DEGREE_{band}_COEF_{i}" for band in range(3) for i in range(2 * band + 1)}
     assert set(primitive["attributes"]) == expected
     position = document["accessors"][primitive["attributes"]["POSITION"]]
-    turned = gaussians.means @ y_up_from_z_up()[:3, :3].T.astype(np.float32)
+    turned = gaussians.means @ file_from_z_up("y")[:3, :3].T.astype(np.float32)
     assert position["min"] == turned.min(axis=0).tolist() and position["max"] == turned.max(axis=0).tolist()
     for view in document["bufferViews"]:
         assert view["byteOffset"] % 4 == 0
@@ -148,7 +147,7 @@ def test_khronos_validator_accepts_all_but_the_new_attribute_names(
     tmp_path: Path, glb_errors: GlbErrors, degree: int, random_gaussians: RandomGaussians
 ) -> None:
     path = tmp_path / "object.glb"
-    write_glb(path, random_gaussians(100, degree=degree), extras={"title": "Vase"}, copyright="CC0")
+    write_glb(path, random_gaussians(100, degree=degree), FileFacts(extras={"title": "Vase"}, rights="CC0"))
     known = 4 + (degree + 1) ** 2 - 1
     errors = glb_errors(path)
     # The validator does not know the extension: it reports exactly one error per KHR attribute name.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import FormatError
-from engine.formats.axes import y_down_from_z_up
+from engine.formats.axes import file_from_z_up
 from engine.formats.ply import read_ply, read_ply_file, write_ply
 from engine.formats.transform import transform_gaussians
 from engine.scene import rotations_from_quats
@@ -99,7 +99,7 @@ def test_the_axis_that_a_file_states_is_turned_up_again(tmp_path: Path, random_g
     np.testing.assert_array_equal(back.means, gaussians.means)
     # Two rotations of the harmonics in float32.
     np.testing.assert_allclose(back.sh, gaussians.sh, atol=1e-5 * np.abs(gaussians.sh).max())
-    expected = transform_gaussians(gaussians, y_down_from_z_up())
+    expected = transform_gaussians(gaussians, file_from_z_up("-y"))
     np.testing.assert_array_equal(stored.gaussians.sh, expected.sh)
 
 

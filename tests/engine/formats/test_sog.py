@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import FormatError, NumericalError
-from engine.formats import read_ply_file, read_sog, write_sog
+from engine.formats import FileFacts, read_ply_file, read_sog, write_sog
 from engine.formats.codebooks import codebook, palette
 from engine.pictures import decode_picture, encode_picture
 from engine.scene import rotations_from_quats
@@ -104,7 +104,7 @@ def test_written_values_differ_by_what_the_format_rounds(
     gaussians = random_gaussians(1500, degree=degree)
     # Heights in steps that the format does not round away, by which both are put into the same order.
     gaussians.means[:, 2] = np.random.default_rng(1).permutation(np.linspace(-3, 3, 1500))
-    write_sog(tmp_path / "a.sog", gaussians, encode_picture, extras={"title": "Ölkanne"})
+    write_sog(tmp_path / "a.sog", gaussians, encode_picture, FileFacts(extras={"title": "Ölkanne"}))
     back, gaussians = in_order(read_sog(tmp_path / "a.sog", decode_picture)), in_order(gaussians)
     # 16 bits of the logarithm of the distance from 0.
     np.testing.assert_allclose(back.means, gaussians.means, atol=1e-3 / 8)
@@ -129,7 +129,7 @@ def test_written_values_differ_by_what_the_format_rounds(
 def test_a_small_file_is_written_the_same_again(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
     for count in (1, 2, 17):
         for name in ("a.sog", "b.sog"):
-            write_sog(tmp_path / name, random_gaussians(count, degree=1), encode_picture, up="z")
+            write_sog(tmp_path / name, random_gaussians(count, degree=1), encode_picture, FileFacts(up="z"))
         assert (tmp_path / "a.sog").read_bytes() == (tmp_path / "b.sog").read_bytes()
         back = read_sog(tmp_path / "a.sog", decode_picture, up="z")
         means = np.sort(random_gaussians(count, degree=1).means[:, 0])
@@ -200,7 +200,7 @@ def test_what_sog_cannot_hold_is_said(tmp_path: Path, random_gaussians: RandomGa
     matrix = np.eye(4)
     matrix[:3, 3] = (5e5, 4.5e6, 0)
     with pytest.raises(FormatError, match=r"around \(500000, 4500000, 0\).*Export PLY"):
-        write_sog(tmp_path / "a.sog", random_gaussians(3), encode_picture, matrix=matrix)
+        write_sog(tmp_path / "a.sog", random_gaussians(3), encode_picture, FileFacts(matrix=matrix))
     assert not list(tmp_path.iterdir())
 
 

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from engine.core.errors import EnvironmentProblem, FormatError, NumericalError
-from engine.formats.axes import y_down_from_z_up
+from engine.formats.axes import file_from_z_up
+from engine.formats.facts import FileFacts
 from engine.formats.ply import read_ply
 from engine.formats.spz import read_spz, write_spz
 from engine.formats.transform import transform_gaussians
@@ -32,7 +33,7 @@ def covariances(gaussians: Gaussians) -> np.ndarray:
 
 def test_a_file_of_splat_transform_is_read_as_it_reads_it() -> None:
     # That program turns it to -Y up.
-    ours = transform_gaussians(read_spz(FOLDER / "niantic_3.spz"), y_down_from_z_up())
+    ours = transform_gaussians(read_spz(FOLDER / "niantic_3.spz"), file_from_z_up("-y"))
     theirs = read_ply(FOLDER / "niantic_3.ply")
     for name in ("means", "log_scales", "opacities", "sh"):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-6, err_msg=name)
@@ -64,8 +65,8 @@ def test_harmonics_of_an_upright_file_differ_by_half_a_step(tmp_path: Path, rand
     gaussians = random_gaussians(300)
     gaussians = replace(gaussians, sh=gaussians.sh.clip(-0.5, 0.5))
     # With this matrix, the values of the file are those of the Gaussians.
-    write_spz(tmp_path / "a.spz", gaussians, matrix=y_down_from_z_up())
-    back = transform_gaussians(read_spz(tmp_path / "a.spz"), y_down_from_z_up().T)
+    write_spz(tmp_path / "a.spz", gaussians, FileFacts(matrix=file_from_z_up("-y")))
+    back = transform_gaussians(read_spz(tmp_path / "a.spz"), file_from_z_up("-y").T)
     # Half a step of 8 or 16, and the rounding to whole numbers before it.
     np.testing.assert_allclose(back.sh[:, 1:4], gaussians.sh[:, 1:4], atol=4.5 / 128 + 1e-5)
     np.testing.assert_allclose(back.sh[:, 4:], gaussians.sh[:, 4:], atol=8.5 / 128 + 1e-5)

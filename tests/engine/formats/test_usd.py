@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from engine.core.errors import DiskError, EnvironmentProblem, FormatError, NumericalError
+from engine.formats.facts import FileFacts
 from engine.formats.usd import PRIM_TYPE, write_usd
 from engine.formats.usd_elsewhere import write_usd_elsewhere
 from engine.formats.usd_reading import read_usd
@@ -25,7 +26,7 @@ pxr_usd = pytest.importorskip("pxr.Usd", reason="usd-core is optional: requireme
 def test_the_stage_has_one_prim_with_all_values(tmp_path: Path, suffix: str, random_gaussians: RandomGaussians) -> None:
     gaussians = random_gaussians(6, degree=2)
     path = tmp_path / f"a{suffix}"
-    write_usd(path, gaussians, name="Ölkanne", metres_per_unit=0.25, custom_data={"title": "Ölkanne"})
+    write_usd(path, gaussians, FileFacts("Ölkanne", metres_per_unit=0.25, extras={"title": "Ölkanne"}))
     stage = pxr_usd.Stage.Open(str(path))
     layer = stage.GetRootLayer()
     assert stage.GetMetadata("metersPerUnit") == 0.25 and stage.GetMetadata("upAxis") == "Z"
@@ -50,7 +51,7 @@ def test_the_stage_has_one_prim_with_all_values(tmp_path: Path, suffix: str, ran
 def test_an_unknown_unit_is_said_and_the_photos_that_saw_each_gaussian_are_kept(
     tmp_path: Path, random_gaussians: RandomGaussians
 ) -> None:
-    write_usd(tmp_path / "a.usdc", random_gaussians(3, degree=0), seen=np.array([0, 7, 2]))
+    write_usd(tmp_path / "a.usdc", random_gaussians(3, degree=0), FileFacts(seen=np.array([0, 7, 2])))
     stage = pxr_usd.Stage.Open(str(tmp_path / "a.usdc"))
     # USD's own default, 0.01, would show the Gaussians 100 times too small.
     assert stage.GetMetadata("metersPerUnit") == 1.0
@@ -151,9 +152,9 @@ def test_an_openusd_that_is_missing_or_too_old_is_said(
 def test_another_python_writes_the_same_file(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
     gaussians = replace(random_gaussians(6, degree=2), antialiased=True)
     matrix = np.diag([2.0, 2.0, 2.0, 1.0])
-    facts = {"name": "Ölkanne", "metres_per_unit": None, "custom_data": {"record": {"title": "Ölkanne"}}}
-    write_usd(tmp_path / "here.usda", gaussians, matrix=matrix, **facts)
-    write_usd_elsewhere(Path(sys.executable), tmp_path / "there.usda", gaussians, matrix=matrix, **facts)
+    facts = FileFacts("Ölkanne", matrix=matrix, extras={"record": {"title": "Ölkanne"}})
+    write_usd(tmp_path / "here.usda", gaussians, facts)
+    write_usd_elsewhere(Path(sys.executable), tmp_path / "there.usda", gaussians, facts)
     assert (tmp_path / "there.usda").read_text(encoding="utf-8") == (tmp_path / "here.usda").read_text(encoding="utf-8")
 
 
