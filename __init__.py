@@ -11,7 +11,6 @@ def register() -> None:
 
 def unregister() -> None:
     """Remove them from Blender."""
-    from . import gaussian_heritage_addon, operators
+    from . import gaussian_heritage_addon
 
-    operators.unregister()
     gaussian_heritage_addon.unregister()

@@ -1,7 +1,5 @@
 """The add-on in Blender: engine jobs, splat objects, panels and preferences."""
 
-import bpy
-
 from .blender import guards, problems
 from .jobs import job_runner, preset_times
 from .language import translations
@@ -14,62 +12,33 @@ from .panels import (
     progress_panel,
     scene_panel,
 )
-from .project import following, object_state, open_projects, pictures, project_history, ruler_view
+from .project import following, object_state, open_projects, project_history, ruler_view
 from .setup.preferences import user_folder
 from .splats import display_settings, edited_splats, properties, solid_mode, splat_view, view_selection
 
-_CLASSES = [
-    *preferences_page.CLASSES,
-    *properties.CLASSES,
-    *object_state.CLASSES,
-    *display_settings.CLASSES,
-    *scene_panel.CLASSES,
-    *objects_panel.CLASSES,
-    *by_hand_panel.CLASSES,
-    *display_panel.CLASSES,
-    *progress_panel.CLASSES,
-    *curve_panel.CLASSES,
-]
+_WITH_CLASSES = (
+    preferences_page, properties, object_state, display_settings, scene_panel, objects_panel, by_hand_panel,
+    display_panel, progress_panel, curve_panel,
+)  # fmt: skip
+_WITH_MORE = (
+    properties, object_state, display_settings, job_runner, preset_times, solid_mode, open_projects, following,
+    project_history, edited_splats, splat_view, view_selection, ruler_view,
+)  # fmt: skip
 
 
 def register() -> None:
     """Add the classes and properties of the add-on to Blender."""
     problems.set_log_folder(lambda: user_folder("log"))
-    for cls in _CLASSES:
-        guards.register_class(cls)
-    properties.register()
-    object_state.register()
-    display_settings.register()
-    job_runner.register()
-    preset_times.register()
-    solid_mode.register()
-    open_projects.register()
-    following.register()
-    project_history.register()
-    edited_splats.register()
-    splat_view.register()
-    view_selection.register()
-    ruler_view.register()
+    for module in _WITH_CLASSES:
+        for cls in module.CLASSES:
+            guards.register_class(cls)
+    for module in _WITH_MORE:
+        module.register()
     translations.register()
+    guards.on_unregister(translations.unregister)
 
 
 def unregister() -> None:
-    """Remove them from Blender."""
-    translations.unregister()
-    ruler_view.unregister()
-    view_selection.unregister()
-    splat_view.unregister()
-    edited_splats.unregister()
-    project_history.unregister()
-    following.unregister()
-    open_projects.unregister()
-    solid_mode.unregister()
-    preset_times.unregister()
-    job_runner.unregister()
-    pictures.unregister()
-    display_settings.unregister()
-    object_state.unregister()
-    properties.unregister()
-    for cls in reversed(_CLASSES):
-        bpy.utils.unregister_class(cls)
+    """Remove them from Blender, and the operators."""
+    guards.unregister()
     problems.set_log_folder(None)

@@ -34,13 +34,3 @@ def register() -> None:
     guards.add_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
     guards.add_menu_entry(bpy.types.VIEW3D_MT_object, menus.object_menu)
     shortcuts.register()
-
-
-def unregister() -> None:
-    """Remove them from Blender."""
-    shortcuts.unregister()
-    guards.remove_menu_entry(bpy.types.VIEW3D_MT_object, menus.object_menu)
-    guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
-    guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)

@@ -9,7 +9,7 @@ from typing import Any
 
 import bpy
 
-from ..gaussian_heritage_addon.blender.guards import Timer, add_load_handler, remove_handler
+from ..gaussian_heritage_addon.blender.guards import Timer, add_load_handler, on_unregister
 
 SHORTCUTS: tuple[tuple[str, str, dict[str, str]], ...] = (
     ("S", "heritage.pick_object", {"action": "SELECT"}),
@@ -94,6 +94,8 @@ def register() -> None:
     keyconfig = bpy.context.window_manager.keyconfigs.addon
     if keyconfig is None:
         return
+    on_unregister(_remove, _items)
+    on_unregister(_remove, _selecting)
     keymap = keyconfig.keymaps.new(name="3D View", space_type="VIEW_3D")
     for key, operator, options in SHORTCUTS:
         item = keymap.keymap_items.new(operator, key, "PRESS", ctrl=True, shift=True, alt=True)
@@ -103,11 +105,3 @@ def register() -> None:
     _follow_keymap_soon()
     # The user may have chosen another keymap meanwhile.
     add_load_handler(_follow_keymap_soon)
-
-
-def unregister() -> None:
-    """Remove them."""
-    remove_handler(_follow_keymap_soon)
-    _keymap_timer.stop()
-    _remove(_selecting)
-    _remove(_items)

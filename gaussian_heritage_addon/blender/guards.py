@@ -32,6 +32,28 @@ def register_class(cls: type) -> None:
     for owner, name, callback in property_callbacks(cls):
         owner.keywords[name] = _guarded(callback, _callback_failed(owner, name))
     bpy.utils.register_class(cls)
+    on_unregister(bpy.utils.unregister_class, cls)
+
+
+def add_property(owner: type, name: str, kind: type) -> None:
+    """Add a property group to the data of a type, such as scenes; its class `kind` must be registered already."""
+    setattr(owner, name, bpy.props.PointerProperty(type=kind))
+    on_unregister(delattr, owner, name)
+
+
+def on_unregister(function: Function, *arguments: Any) -> None:
+    """Call `function` when the add-on is taken from Blender, before what was registered earlier is undone."""
+    _REGISTERED.callback(function, *arguments)
+
+
+def unregister() -> None:
+    """Take all that was registered from Blender, last first, after the timers were stopped."""
+    for timer in TIMERS:
+        timer.stop()
+    _REGISTERED.close()
+
+
+_REGISTERED = contextlib.ExitStack()
 
 
 def property_callbacks(cls: type) -> list[tuple[Any, str, Function]]:
@@ -234,16 +256,9 @@ class Timer:
 
 def add_menu_entry(menu: type, draw: Function) -> None:
     """Add `draw` to the end of a menu of Blender."""
-    _MENU_ENTRIES[draw] = _guarded(draw, _drawn)
-    menu.append(_MENU_ENTRIES[draw])  # type: ignore[attr-defined]
-
-
-def remove_menu_entry(menu: type, draw: Function) -> None:
-    """Undo `add_menu_entry`."""
-    menu.remove(_MENU_ENTRIES.pop(draw))  # type: ignore[attr-defined]
-
-
-_MENU_ENTRIES: dict[Function, Function] = {}
+    entry = _guarded(draw, _drawn)
+    menu.append(entry)  # type: ignore[attr-defined]
+    on_unregister(menu.remove, entry)  # type: ignore[attr-defined]
 
 
 def add_load_handler(function: Callable[[], None]) -> None:
@@ -299,12 +314,6 @@ def add_import_handler(function: Callable[[list[tuple[bpy.types.ID, str]]], None
     _add_handler(function, imported, bpy.app.handlers.blend_import_post)
 
 
-def remove_handler(function: Callable[..., None]) -> None:
-    """Undo all that added `function` as a handler; nothing happens where nothing did."""
-    for event, handler in _HANDLERS.pop(function, ()):
-        event.remove(handler)
-
-
 def _nothing(*_: Any) -> tuple[()]:
     return ()
 
@@ -322,24 +331,16 @@ def _add_handler(
 
     guarded = _guarded(function, failed)
     handler = bpy.app.handlers.persistent(after_event)
-    _HANDLERS.setdefault(function, []).extend((event, handler) for event in events)
     for event in events:
         event.append(handler)
-
-
-_HANDLERS: dict[Callable[..., None], list[tuple[list[Function], Function]]] = {}
-"""By function: the events of Blender that call it, and what they call."""
+        on_unregister(event.remove, handler)
 
 
 def subscribe(key: Any, function: Callable[[], None]) -> None:
     """Call `function` after each change of a property, once for all subscriptions to it; see ``bpy.msgbus``."""
     bpy.msgbus.clear_by_owner(function)
     bpy.msgbus.subscribe_rna(key=key, owner=function, args=(), notify=_guarded(function, Timer._failed))
-
-
-def unsubscribe(function: Callable[[], None]) -> None:
-    """Undo `subscribe`; nothing happens where it was not called."""
-    bpy.msgbus.clear_by_owner(function)
+    on_unregister(bpy.msgbus.clear_by_owner, function)
 
 
 def add_draw_handler(

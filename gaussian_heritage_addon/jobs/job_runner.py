@@ -18,7 +18,7 @@ from ...engine.core.errors import Cancelled, HeritageError, ProjectError
 from ...engine.project.content import is_project
 from ...engine.workers.jobs import Job, JobState, WaitingJob, WaitingJobs
 from ..blender import problems
-from ..blender.guards import Timer, add_load_handler, redraw, remove_handler
+from ..blender.guards import Timer, add_load_handler, redraw
 from ..project.first_view import show_job, show_scene
 from ..project.project_history import catch_up
 from ..setup.engine_process import engine_command
@@ -419,14 +419,7 @@ def _after_loading() -> None:
 
 
 def register() -> None:
-    """Search for jobs of an earlier session, now and after each file that is loaded."""
+    """Search for jobs of an earlier session, now and after each file that is loaded. The end of Blender ends no job."""
     if not bpy.app.background:
         _search()
         add_load_handler(_after_loading)
-
-
-def unregister() -> None:
-    """Stop polling. The job itself keeps running."""
-    remove_handler(_after_loading)
-    _poll_timer.stop()
-    _search_timer.stop()

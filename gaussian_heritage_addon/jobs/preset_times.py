@@ -12,7 +12,7 @@ import bpy
 
 from ...engine.core.errors import HeritageError
 from ...engine.workers.jobs import Job
-from ..blender.guards import Timer, add_load_handler, redraw, remove_handler
+from ..blender.guards import Timer, add_load_handler, on_unregister, redraw
 from ..blender.open_dialog import forget_dialog, redraw_dialog
 from ..setup.engine_process import engine_command
 from ..setup.preferences import current_environment, current_python, user_folder
@@ -143,12 +143,7 @@ _timer = Timer(poll)
 
 
 def register() -> None:
-    """Forget a dialog that another file closes."""
+    """Forget a dialog that another file closes, and ask no more once the add-on is gone."""
     add_load_handler(forget_dialog)
-
-
-def unregister() -> None:
-    """Undo `register`, and ask no more."""
-    remove_handler(forget_dialog)
-    forget_dialog()
-    stop()
+    on_unregister(forget_dialog)
+    on_unregister(stop)

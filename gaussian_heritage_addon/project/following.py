@@ -10,7 +10,6 @@ from ..blender.guards import (
     add_load_handler,
     add_save_handlers,
     add_update_handler,
-    remove_handler,
 )
 from ..splats import display_settings
 from ..splats.properties import apply_visibility, follow_eyes
@@ -66,13 +65,3 @@ def register() -> None:
     add_load_handler(_after_loading)
     add_import_handler(_after_appending)
     add_save_handlers(_before_saving, _after_saving)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    remove_handler(_after_saving)
-    remove_handler(_before_saving)
-    remove_handler(_after_appending)
-    remove_handler(_after_loading)
-    remove_handler(_after_update)
-    remove_handler(_after_change)

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Annotated
 
 import bpy
-from bpy.props import BoolProperty, FloatProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, FloatProperty, StringProperty
 
+from ..blender.guards import add_property
 from ..blender.typed_properties import blender_properties
 from ..splats.properties import HeritageObject, HeritageScene
 from ..splats.selection import heritage_objects
@@ -122,9 +123,4 @@ def _is_known(obj: bpy.types.Object, project: Path, object_id: str) -> bool:
 
 def register() -> None:
     """Add the properties to objects. Their class must be registered already."""
-    bpy.types.Object.heritage_state = PointerProperty(type=HeritageState)
-
-
-def unregister() -> None:
-    """Remove the properties."""
-    del bpy.types.Object.heritage_state
+    add_property(bpy.types.Object, "heritage_state", HeritageState)

@@ -15,7 +15,7 @@ from ...engine.core.errors import HeritageError
 from ...engine.project.content import is_project
 from ...engine.project.folder import hold_mark
 from ..blender import problems
-from ..blender.guards import Timer
+from ..blender.guards import Timer, on_unregister
 from ..setup.preferences import user_folder
 from ..splats.properties import project_of
 from .project_history import catch_up, look_again
@@ -74,13 +74,12 @@ _timer = Timer(_check)
 
 def register() -> None:
     """Begin to look. Not when a file is loaded: that alone writes nothing."""
+    on_unregister(_release)
     if not bpy.app.background:
         _timer.start(_CHECK_SECONDS, persistent=True)
 
 
-def unregister() -> None:
-    """Release all projects."""
-    _timer.stop()
+def _release() -> None:
     while _claims:
         _claims.popitem()[1].close()
     _elsewhere.clear()

@@ -11,6 +11,7 @@ import bpy.utils.previews
 
 from ...engine.core.errors import PhotoError
 from ...engine.core.files import stamp_of
+from ..blender.guards import on_unregister
 from .curve import Point, curve_picture
 from .photo_frame import require_small
 
@@ -62,6 +63,7 @@ def _collection() -> bpy.utils.previews.ImagePreviewCollection:
     global _previews
     if _previews is None:
         _previews = bpy.utils.previews.new()
+        on_unregister(_remove_previews)
     return _previews
 
 
@@ -76,10 +78,8 @@ def _is_new(subject: str, key: str) -> bool:
     return True
 
 
-def unregister() -> None:
-    """Remove all previews."""
+def _remove_previews() -> None:
     global _previews
-    if _previews is not None:
-        bpy.utils.previews.remove(_previews)
+    bpy.utils.previews.remove(_previews)
     _previews = None
     _preview_keys.clear()

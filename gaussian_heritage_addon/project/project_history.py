@@ -24,7 +24,7 @@ from ..blender.guards import (
     add_datablock_handler,
     add_load_handler,
     add_undo_handler,
-    remove_handler,
+    on_unregister,
 )
 from ..splats.properties import HeritageObject, loading, project_of, record_of, set_record_writer
 from .object_names import follow_renames, was_renamed
@@ -301,15 +301,8 @@ def _clear() -> None:
 def register() -> None:
     """Follow undo, redo, names and records."""
     set_record_writer(_write_record)
+    on_unregister(set_record_writer, None)
+    on_unregister(_clear)
     add_undo_handler(catch_up)
     add_load_handler(_after_loading)
     add_datablock_handler(_after_change)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    set_record_writer(None)
-    remove_handler(catch_up)
-    remove_handler(_after_loading)
-    remove_handler(_after_change)
-    _clear()

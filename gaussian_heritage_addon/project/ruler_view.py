@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import blf
 import bpy
 import gpu
@@ -11,7 +9,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ...engine.core.arrays import Float64
-from ..blender.guards import add_draw_handler, remove_draw_handler
+from ..blender.guards import add_draw_handler, on_unregister, remove_draw_handler
 from ..blender.world_placement import drawn_matrix
 from ..splats.sight import Sight
 from .measuring import rulers
@@ -23,7 +21,6 @@ _LINES = (((0.0, 0.0, 0.0, 1.0), 4.0), (MARK_COLOR, 2.0))
 """Colour, and width in pixels, of the lines that are drawn over each other: seen on light and dark splats."""
 _TEXT_SIZE = 14
 _TEXT_OFFSET = 6
-_handle: Any = None
 
 
 def rulers_in_view(context: bpy.types.Context, sight: Sight) -> list[tuple[str, Float64]]:
@@ -70,14 +67,5 @@ def _draw() -> None:
 
 def register() -> None:
     """Draw the rulers from now on."""
-    global _handle
     if not bpy.app.background:
-        _handle = add_draw_handler(bpy.types.SpaceView3D, _draw)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    global _handle
-    if _handle is not None:
-        remove_draw_handler(bpy.types.SpaceView3D, _handle)
-        _handle = None
+        on_unregister(remove_draw_handler, bpy.types.SpaceView3D, add_draw_handler(bpy.types.SpaceView3D, _draw))

@@ -6,8 +6,9 @@ from collections.abc import Collection
 from typing import Annotated
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty
 
+from ..blender.guards import add_property
 from ..blender.typed_properties import blender_properties
 from .properties import apply_blending, apply_photo_opacity
 from .selection import heritage_objects
@@ -139,9 +140,4 @@ CLASSES = [HeritageDisplay]
 
 def register() -> None:
     """Add the properties to scenes. Their classes must be registered already."""
-    bpy.types.Scene.heritage_display = PointerProperty(type=HeritageDisplay)
-
-
-def unregister() -> None:
-    """Remove the properties."""
-    del bpy.types.Scene.heritage_display
+    add_property(bpy.types.Scene, "heritage_display", HeritageDisplay)

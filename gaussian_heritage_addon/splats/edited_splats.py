@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32
-from ..blender.guards import Timer, add_change_handler, add_load_handler, remove_handler
+from ..blender.guards import Timer, add_change_handler, add_load_handler, on_unregister
 from .selection import heritage_objects
 from .solid_mode import redraw_viewports
 from .splats import SplatScene
@@ -134,11 +134,4 @@ def register() -> None:
     """Follow changes in Edit Mode."""
     add_change_handler(_after_change)
     add_load_handler(_forget)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    _timer.stop()
-    remove_handler(_forget)
-    remove_handler(_after_change)
-    _forget()
+    on_unregister(_forget)

@@ -10,11 +10,12 @@ from typing import Annotated
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...engine.core.errors import ObjectError, ProjectError
 from ...engine.objects.settings import DEFAULT_THRESHOLD
 from ...engine.project.objects import MuseumRecord, load_level
+from ..blender.guards import add_property
 from ..blender.lengths import read_length, write_length
 from ..blender.typed_properties import blender_properties
 from .object_meshes import show_meshes
@@ -482,11 +483,5 @@ CLASSES = [HeritageScene, HeritageObject, HeritageClick]
 
 def register() -> None:
     """Add the property groups to scenes and objects. Their classes must be registered already."""
-    bpy.types.Scene.heritage = PointerProperty(type=HeritageScene)
-    bpy.types.Object.heritage = PointerProperty(type=HeritageObject)
-
-
-def unregister() -> None:
-    """Remove the property groups."""
-    del bpy.types.Object.heritage
-    del bpy.types.Scene.heritage
+    add_property(bpy.types.Scene, "heritage", HeritageScene)
+    add_property(bpy.types.Object, "heritage", HeritageObject)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from ..blender.guards import add_load_handler, remove_handler, subscribe, unsubscribe
+from ..blender.guards import add_load_handler, subscribe
 from .selection import heritage_objects
 from .splat_nodes import SOLID, display_input, set_display_input
 
@@ -56,9 +56,3 @@ def register() -> None:
     if not bpy.app.background:
         subscribe((bpy.types.View3DShading, "type"), update_shapes)
         add_load_handler(_follow)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    unsubscribe(update_shapes)
-    remove_handler(_follow)

@@ -24,8 +24,8 @@ from ..blender.guards import (
     add_draw_handler,
     add_load_handler,
     add_update_handler,
+    on_unregister,
     remove_draw_handler,
-    remove_handler,
 )
 from ..blender.world_placement import drawn_matrix
 from .display_settings import apply_displays
@@ -465,6 +465,7 @@ def _stop() -> None:
 
 def register() -> None:
     """Draw splats in all viewports."""
+    on_unregister(_end)
     if not bpy.app.background:
         _start()
         add_change_handler(_forget)
@@ -472,13 +473,7 @@ def register() -> None:
         add_load_handler(_begin_file)
 
 
-def unregister() -> None:
-    """Undo `register`."""
+def _end() -> None:
     _stop()
-    _rest_timer.stop()
-    _shapes_timer.stop()
-    remove_handler(_forget)
-    remove_handler(_count_update)
-    remove_handler(_begin_file)
     _forget_all()
     _state.programs = None

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...engine.core.arrays import Float64
 from ...engine.rasterizer.settings import ALPHA_MIN
 from ...engine.scene import RayCaster
-from ..blender.guards import add_change_handler, add_load_handler, remove_handler
+from ..blender.guards import add_change_handler, add_load_handler, on_unregister
 from ..blender.world_placement import world_matrix
 from .line_objects import lines_near
 from .sight import Sight, SplatLayer, inside_polygon, seen_on_ray
@@ -149,10 +149,4 @@ def register() -> None:
     """Forget Gaussians that change."""
     add_change_handler(_forget)
     add_load_handler(_forget_all)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    remove_handler(_forget_all)
-    remove_handler(_forget)
-    _forget_all()
+    on_unregister(_forget_all)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -237,8 +238,9 @@ def test_draw_handler_that_fails_says_so_once(part: Part, log: Path) -> None:
     assert failures == [1]
 
 
-def test_changed_meshes_are_told_and_errors_are_shown(part: Part, log: Path) -> None:
+def test_changed_meshes_are_told_and_errors_are_shown(part: Part, log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     guards, told = part("gaussian_heritage_addon.blender.guards"), []
+    monkeypatch.setattr(guards, "_REGISTERED", ExitStack())
 
     def changed(data: list[bpy.types.ID]) -> None:
         told.extend(data)
@@ -259,7 +261,7 @@ def test_changed_meshes_are_told_and_errors_are_shown(part: Part, log: Path) -> 
         bpy.context.view_layer.update()
         assert "KeyError" in part("gaussian_heritage_addon.blender.problems").shown()
     finally:
-        guards.remove_handler(changed)
+        guards._REGISTERED.close()
     count = len(told)
     mesh.update_tag()
     bpy.context.view_layer.update()

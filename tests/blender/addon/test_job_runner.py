@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -126,15 +127,19 @@ def test_jobs_that_waited_start_after_blender_was_closed(
     assert runner._job.command[-2] == "bust" and [one.command[-2] for one in runner.waiting()] == ["drum"]
 
 
-def test_jobs_are_searched_again_after_a_file_was_loaded(runner: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_jobs_are_searched_again_after_a_file_was_loaded(
+    runner: ModuleType, part: Part, monkeypatch: pytest.MonkeyPatch
+) -> None:
     searched: list[bool] = []
+    guards = part("gaussian_heritage_addon.blender.guards")
+    monkeypatch.setattr(guards, "_REGISTERED", ExitStack())
     monkeypatch.setattr(runner._search_timer, "start", lambda *_, **__: searched.append(True))
     runner.register()
     try:
         bpy.ops.wm.read_homefile(use_empty=True)
         assert searched == [True, True]
     finally:
-        runner.unregister()
+        guards._REGISTERED.close()
     bpy.ops.wm.read_homefile(use_empty=True)
     assert searched == [True, True]
 
