@@ -26,7 +26,7 @@ def describe_offer(name: str, settings: ServeSettings) -> dict[str, Any] | None:
     stored = all((models_folder() / file.file).exists() for file in files)
     return {
         "model": name,
-        "bytes": sum(file.size or file.approximate_size or 0 for file in files),
+        "bytes": sum(file.about_bytes for file in files),
         "licence": files[0].licence,
         "users": files[0].who_may_use,
         "stored": stored,

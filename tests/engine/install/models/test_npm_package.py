@@ -132,8 +132,8 @@ def test_model_arrives_from_a_mirror_on_a_computer_without_node(
     registry: Registry, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = ModelFile(
-        "small", "npm:our-small-model@1.0.0", "package/dist/small.onnx", "small.onnx", len(WEIGHTS),
-        hashlib.sha256(WEIGHTS).hexdigest(), "MIT", "anyone", max_package_size=100_000,
+        "small", "npm:our-small-model@1.0.0", "small.onnx", "MIT", "anyone", "package/dist/small.onnx", len(WEIGHTS),
+        hashlib.sha256(WEIGHTS).hexdigest(), max_package_size=100_000,
     )  # fmt: skip
     monkeypatch.setitem(CATALOGUE, "small", model)
     assert fetch("small", cache=tmp_path / "cache").read_bytes() == WEIGHTS

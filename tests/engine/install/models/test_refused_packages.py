@@ -30,7 +30,7 @@ def offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     digest = hashlib.sha256(CONTENT).hexdigest()
     source = "npm:our-small-model@1.0.0"
     model = ModelFile(
-        "small", source, MEMBER, "small.onnx", len(CONTENT), digest, "MIT", "anyone", False, None, 9_000_000
+        "small", source, "small.onnx", "MIT", "anyone", MEMBER, len(CONTENT), digest, max_package_size=9_000_000
     )
     monkeypatch.setitem(CATALOGUE, "small", model)
     monkeypatch.delenv(OFFLINE_VARIABLE, raising=False)
