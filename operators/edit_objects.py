@@ -226,10 +226,7 @@ class HERITAGE_OT_floaters(_ObjectOperator):
         if obj.mode == "EDIT":
             bpy.ops.object.mode_set(mode="OBJECT")
         splats = SplatScene.of(obj)
-        membership = splats.membership
-        shown = np.arange(len(obj.data.vertices))
-        if membership is not None:
-            shown = np.flatnonzero(membership >= np.float32(obj.heritage.threshold))
+        shown = np.flatnonzero(splats.shown)
         gaussians = splats.local_gaussians()[shown]
         found = shown[find_floaters(gaussians, min_neighbours=self.min_neighbours, min_opacity=self.min_opacity)]
         if not len(found):

@@ -101,7 +101,7 @@ class HERITAGE_OT_edit_region(ProjectOperator, PathOperator):
             chosen = in_region(view, _world(whole, None), corners, through=through)
             count = add_rows(obj, SplatScene.of(whole).index(scene_count(whole))[chosen], whole)
         else:
-            shown = _shown(obj)
+            shown = np.flatnonzero(SplatScene.of(obj).shown)
             chosen = in_region(view, _world(obj, shown), corners, through=through)
             count = take_vertices(obj, shown[chosen]) if chosen.any() else 0
         if not count:
@@ -109,14 +109,6 @@ class HERITAGE_OT_edit_region(ProjectOperator, PathOperator):
             return {"CANCELLED"}
         self.report({"INFO"}, f"{count:,} Gaussians were {'added to' if adds else 'taken from'} {obj.name}.")
         return {"FINISHED"}
-
-
-def _shown(obj: bpy.types.Object) -> NDArray[np.intp]:
-    """Return the vertices of an isolated object that its threshold shows."""
-    membership = SplatScene.of(obj).membership
-    if membership is None:
-        return np.arange(len(obj.data.vertices))
-    return np.flatnonzero(membership >= np.float32(obj.heritage.threshold))
 
 
 def _world(obj: bpy.types.Object, vertices: NDArray[np.intp] | None) -> Any:

@@ -229,10 +229,7 @@ def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
         return _Exported(native_gaussians(obj), {}, matrix, None)
     splats = SplatScene.of(obj)
     splats.follow_vertices()
-    gaussians, membership, stored = splats.local_gaussians(), splats.membership, splats.stored_file
-    kept = np.ones(len(gaussians), bool)
-    if membership is not None:
-        kept &= membership >= np.float32(obj.heritage.threshold)
+    gaussians, kept, stored = splats.local_gaussians(), splats.shown, splats.stored_file
     if obj.heritage.role == "SCENE" and not options.with_far:
         kept &= ~_far(obj, gaussians)
     extra = {} if stored is None else dict(stored.extra)

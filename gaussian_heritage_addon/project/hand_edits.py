@@ -49,9 +49,8 @@ def whole_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
 def member_rows(obj: bpy.types.Object) -> NDArray[np.int32]:
     """Return the rows, in the project's scene, of the Gaussians that an isolated object shows at its threshold."""
     splats = SplatScene.of(obj)
-    rows, membership = splats.index(scene_count(obj)), splats.membership
-    shown = rows >= 0 if membership is None else (rows >= 0) & (membership >= np.float32(obj.heritage.threshold))
-    return rows[shown]
+    rows = splats.index(scene_count(obj))
+    return rows[(rows >= 0) & splats.shown]
 
 
 def add_rows(obj: bpy.types.Object, rows: NDArray[np.integer], whole: bpy.types.Object) -> int:
@@ -102,8 +101,7 @@ def take_vertices(obj: bpy.types.Object, vertices: NDArray[np.integer]) -> int:
     splats = SplatScene.of(obj)
     membership = splats.membership
     membership = np.ones(len(obj.data.vertices), np.float32) if membership is None else membership
-    threshold = np.float32(obj.heritage.threshold)
-    before = membership >= threshold
+    before = splats.shown
     # Where detail was added, several Gaussians stand for one of the scene: they leave together, as they are stored.
     rows = splats.index(scene_count(obj))
     vertices = np.flatnonzero(

@@ -151,10 +151,8 @@ def _layer(obj: bpy.types.Object, isolated: Sequence[bpy.types.Object], names: S
     shown = gaussians.opacities > ALPHA_MIN
     labels = np.full(len(gaussians), -1, np.int32)
     if obj.heritage.role == "OBJECT":
-        membership = splats.membership
         labels[:] = names.index(obj.name)
-        if membership is not None:
-            shown &= membership >= np.float32(obj.heritage.threshold)
+        shown &= splats.shown
     else:
         labels = _labels_of_scene(obj, splats, isolated, names)
     vertices = np.flatnonzero(shown)

@@ -34,9 +34,7 @@ _flashing: dict[str, float] = {}
 def shown_box(obj: bpy.types.Object) -> Box | None:
     """Return the bounds of the Gaussians of `obj` that are shown, in its frame, without far single ones; None: none."""
     splats = SplatScene.of(obj)
-    means, membership = splats.attribute("position"), splats.membership
-    if membership is not None:
-        means = means[membership >= np.float32(obj.heritage.threshold)]
+    means = splats.attribute("position")[splats.shown]
     return box_of(means) if len(means) else None
 
 

@@ -184,6 +184,14 @@ class SplatScene:
                 return None
             return _read_numbers(mesh, "membership", "FLOAT", np.zeros(len(mesh.vertices), np.float32))
 
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Whether the object shows each Gaussian at its threshold, shape [N]."""
+        membership = self.membership
+        if membership is None:
+            return np.ones(len(self.attribute("scale")), bool)
+        return membership >= np.float32(self.object.heritage.threshold)
+
     def local_gaussians(self, *, harmonics: bool = True) -> Gaussians:
         """Return all Gaussians in the frame of the object, including edits in Edit Mode.
 

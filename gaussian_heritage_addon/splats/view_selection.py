@@ -125,11 +125,8 @@ def _of(obj: bpy.types.Object) -> _Known:
     made_of = obj.data.name_full, len(obj.data.vertices), obj.heritage.threshold
     if obj.name not in _known or _known[obj.name].made_of != made_of:
         splats = SplatScene.of(obj)
-        gaussians, membership = splats.local_gaussians(harmonics=False), splats.membership
-        shown = gaussians.opacities > ALPHA_MIN
-        if membership is not None:
-            shown &= membership >= np.float32(obj.heritage.threshold)
-        vertices = np.flatnonzero(shown)
+        gaussians = splats.local_gaussians(harmonics=False)
+        vertices = np.flatnonzero((gaussians.opacities > ALPHA_MIN) & splats.shown)
         solid = vertices[gaussians.opacities[vertices] > _MIN_OPACITY]
         _known[obj.name] = _Known(made_of, RayCaster(gaussians[vertices]), vertices, gaussians.means[solid])
     return _known[obj.name]
