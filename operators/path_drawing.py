@@ -54,8 +54,8 @@ class PathOperator(ViewTool, bpy.types.Operator):
         result = self.begin(context)
         if event is not None and event.value == "CLICK_DRAG":
             self._drags, self._button = True, event.type
-            self._corners = [self._place(event.mouse_prev_press_x, event.mouse_prev_press_y)]
-            self._move_to(self._place(event.mouse_x, event.mouse_y))
+            self._corners = [self.place(event.mouse_prev_press_x, event.mouse_prev_press_y)]
+            self._move_to(self.place(event.mouse_x, event.mouse_y))
         return result
 
     def header(self) -> str:
@@ -64,7 +64,7 @@ class PathOperator(ViewTool, bpy.types.Operator):
 
     def handle(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Handle one window event."""
-        place = self._place(event.mouse_x, event.mouse_y)
+        place = self.place(event.mouse_x, event.mouse_y)
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
             if not self.is_in_view(event.mouse_x, event.mouse_y):
                 return {"PASS_THROUGH"}
@@ -85,10 +85,6 @@ class PathOperator(ViewTool, bpy.types.Operator):
     def drawn(self, context: bpy.types.Context, region: Any, view: Any, corners: NDArray[np.float64]) -> set[str]:
         """Return the result of the operator for a region, [C, 2] in pixels from the lower left corner of the view."""
         raise NotImplementedError
-
-    def _place(self, x: int, y: int) -> tuple[float, float]:
-        region = self.region
-        return x - region.x + 0.5, y - region.y + 0.5
 
     def _move_to(self, place: tuple[float, float]) -> None:
         if self.shape == "BOX":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import blf
 import bpy
 import numpy as np
-from bpy.app.translations import pgettext_n
 
 from ..engine.core.arrays import Float64
 from ..engine.core.errors import HeritageError
@@ -24,11 +23,7 @@ class ViewClickOperator(ViewTool, ProjectOperator, bpy.types.Operator):
 
     n_clicks = 0
     """Clicks after which the operator ends; 0: it ends with Enter."""
-    help_text = pgettext_n("Click in the view   Backspace: remove the last   Enter: done")
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Wait for clicks in the view."""
-        return self.begin_clicks(context)
+    help_text = ""
 
     def begin_clicks(self, context: bpy.types.Context) -> set[str]:
         """Wait for clicks in the view, and return what `invoke` returns."""
@@ -52,10 +47,8 @@ class ViewClickOperator(ViewTool, ProjectOperator, bpy.types.Operator):
         if event.type != "LEFTMOUSE" or event.value != "PRESS" or not is_in_view:
             return {"PASS_THROUGH"}
         try:
-            region = self.region
-            x, y = event.mouse_x - region.x + 0.5, event.mouse_y - region.y + 0.5
-            ray = sight_of_viewport(region, self.area.spaces.active.region_3d).ray(x, y)
-            self.add(context, ray)
+            sight = sight_of_viewport(self.region, self.area.spaces.active.region_3d)
+            self.add(context, sight.ray(*self.place(event.mouse_x, event.mouse_y)))
         except HeritageError as error:
             # Not the end: the next click may hit something.
             self.report({"WARNING"}, sentence_of(error))

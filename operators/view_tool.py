@@ -139,6 +139,10 @@ class ViewTool:
         """The region of the view in which the scene is drawn."""
         return next(region for region in self.area.regions if region.type == "WINDOW")
 
+    def place(self, x: int, y: int) -> tuple[float, float]:
+        """Return the middle of the pixel (x, y) of the window, in pixels from the lower left corner of the view."""
+        return x - self.region.x + 0.5, y - self.region.y + 0.5
+
     def is_in_view(self, x: int, y: int) -> bool:
         """Return whether the position (x, y) in the window is in the view, not on a header or sidebar over it."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from ...engine.core.arrays import Float64
 from ...engine.core.errors import CameraError
 from ...engine.scene import Camera, photo_pixels, similarity_scale
+from ..splats.sight import Sight
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Converts between COLMAP's camera axes and Blender's, in both directions."""
@@ -22,40 +23,27 @@ Float32 rounding stays below them; moving a camera by hand exceeds them."""
 
 
 @dataclass(frozen=True)
-class View:
+class View(Sight):
     """A region of the window that shows the view of a camera.
 
     Attributes
     ----------
-    width, height : int
-        Size of the region in pixels.
-    window_from_world : array of shape [4, 4], float64
-        Blender's ``RegionView3D.perspective_matrix``: homogeneous, -1 to 1 across the region, Y up.
     world_from_camera : array of shape [4, 4], float64
         Placement of the Blender camera.
     """
 
-    width: int
-    height: int
-    window_from_world: Float64
     world_from_camera: Float64
 
     def direction(self, x: float, y: float) -> tuple[float, float]:
         """Return the direction (x/z, y/z) seen at (x, y) in the region, in pixels from its lower left corner."""
-        u, v = 2.0 * x / self.width - 1.0, 2.0 * y / self.height - 1.0
-        rows = self.window_from_world
-        # The normals of two planes that contain the line of sight. Unlike unprojecting a point, this needs no inverse.
-        normal_x, normal_y = rows[0] - u * rows[3], rows[1] - v * rows[3]
-        sight = np.cross(normal_x[:3], normal_y[:3])
-        sight = sight if rows[3, :3] @ sight > 0 else -sight
-        local = _solved((self.world_from_camera @ FLIP)[:3, :3], sight)
+        local = _solved((self.world_from_camera @ FLIP)[:3, :3], self.ray(x, y)[1])
         return float(local[0] / local[2]), float(local[1] / local[2])
 
     def region_position(self, direction: tuple[float, float]) -> tuple[float, float]:
         """Return the position in the region that shows `direction`, in pixels from its lower left corner."""
         point = self.world_from_camera @ FLIP @ np.array([*direction, 1.0, 1.0])
-        x, y, _, w = self.window_from_world @ point
-        return float((x / w + 1.0) * self.width / 2.0), float((y / w + 1.0) * self.height / 2.0)
+        x, y = self.positions(point[None, :3])[0]
+        return float(x), float(y)
 
 
 def photo_pixel(camera: Camera, direction: tuple[float, float]) -> tuple[float, float]:

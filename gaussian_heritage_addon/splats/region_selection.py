@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -31,14 +30,6 @@ class View(Protocol):
         """Return the positions [N, 2] of points [N, 3]."""
 
 
-@dataclass(frozen=True)
-class _Surface:
-    """Distances of the surface at the places [P, 2] of a grid."""
-
-    places: Float64
-    distances: Float64
-
-
 def in_region(view: View, gaussians: Gaussians, corners: Float64, *, through: bool) -> NDArray[np.bool_]:
     """Return which Gaussians lie in a region, shape [N].
 
@@ -64,18 +55,19 @@ def in_region(view: View, gaussians: Gaussians, corners: Float64, *, through: bo
     if through or not chosen.any():
         return chosen
     candidates = np.flatnonzero(chosen)
-    surface = _surface(view, gaussians, places, corners)
-    nearest = _nearest(places[candidates], surface.places)
-    origins = np.array([view.ray(*place)[0] for place in surface.places])[nearest]
+    grid, to_surface = _surface(view, gaussians, places, corners)
+    nearest = _nearest(places[candidates], grid)
+    origins = np.array([view.ray(*place)[0] for place in grid])[nearest]
     distances = np.linalg.norm(gaussians.means[candidates] - origins, axis=1)
     sizes = np.exp(gaussians.log_scales[candidates].max(axis=1).astype(np.float64))
-    limit = surface.distances[nearest]
+    limit = to_surface[nearest]
     # Where a ray meets no surface, nothing hides what is there.
     chosen[candidates] = ~(distances > limit + np.maximum(_DEPTH * sizes, _MIN_DEPTH_SHARE * limit))
     return chosen
 
 
-def _surface(view: View, gaussians: Gaussians, places: Float64, corners: Float64) -> _Surface:
+def _surface(view: View, gaussians: Gaussians, places: Float64, corners: Float64) -> tuple[Float64, Float64]:
+    """Return places [P, 2] of a grid in the region, and the distances [P] of the surface there."""
     low, high = corners.min(axis=0), corners.max(axis=0)
     axes = [np.linspace(low[axis], high[axis], _GRID) for axis in range(2)]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
@@ -83,7 +75,7 @@ def _surface(view: View, gaussians: Gaussians, places: Float64, corners: Float64
     grid = grid[inside] if inside.any() else grid
     caster = RayCaster(gaussians[_may_cover(view, gaussians, places, low, high)])
     distances = [caster.cast(*view.ray(*place)).surface for place in grid]
-    return _Surface(grid, np.array([np.inf if one is None else one for one in distances]))
+    return grid, np.array([np.inf if one is None else one for one in distances])
 
 
 def _may_cover(view: View, gaussians: Gaussians, places: Float64, low: Float64, high: Float64) -> NDArray[np.bool_]:
