@@ -12,12 +12,12 @@ from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 
 from ..engine.core.errors import PhotoError
-from ..engine.photos.settings import VIDEO_SUFFIXES
+from ..engine.photos.settings import PHOTO_SUFFIXES, VIDEO_SUFFIXES
 from ..engine.project.content import default_project_folder
 from ..engine.scene import FISHEYE_LENS
 from ..engine.training.settings import DEFAULT_PRESET, LIGHT_DESCRIPTION, LIGHT_LABEL, PRESET_LIST
 from ..gaussian_heritage_addon.blender.typed_properties import blender_properties
-from ..gaussian_heritage_addon.panels.preset_choice import PHOTO_SUFFIXES, draw_presets
+from ..gaussian_heritage_addon.panels.preset_choice import draw_presets
 from .dropped_files import DroppedIntoView
 from .project_operator import start_job
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from ..core.settings import require
 from ..scene import is_fisheye
 
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
+"""Of files that count as photos where they are uploaded or chosen. The engine reads a folder by what its files are."""
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 """Files that count as videos."""
 

@@ -10,7 +10,6 @@ from typing import Any
 from ..core.errors import PromptError
 from ..core.files import read_bytes
 from ..core.words import split_texts
-from ..project.own_words import read_learning
 from .engine_call import call_engine
 from .library import WebProject
 
@@ -39,9 +38,8 @@ def ask_scene(project: WebProject, words: str) -> dict[str, Any]:
         raise PromptError(f"{words!r} names nothing. Write for example: vase, teapot.")
     if count > _MAX_TEXTS:
         raise PromptError(f"A question has at most {_MAX_TEXTS} texts. Ask for fewer things.")
-    own = [f"--own-words={project.own_words}"] if read_learning(project.project) else []
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:
-        arguments = ["ask", str(project.project), f"--prompt={words}", f"--out={folder}", *own]
+        arguments = ["ask", str(project.project), f"--prompt={words}", f"--out={folder}", *project.own_words_options()]
         answer = call_engine(arguments, "answer", advice="Ask for fewer things.")
         found = [{**one, "picture": _address_of(Path(one["picture"]))} for one in answer["found"]]
     return {"step": answer["step"], "found": found, "refused": answer["refused"]}

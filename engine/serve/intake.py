@@ -12,9 +12,9 @@ from ..core.errors import DiskError, FormatError, HeritageError, PhotoError, Pro
 from ..core.files import delete_derived, file_sha256, problem_of_inner_name, write_problem
 from ..core.system import replace_file
 from ..photos import SUFFIXES, VIDEO, kind_of_file, live_photo_of
-from ..photos.settings import VIDEO_SUFFIXES
+from ..photos.settings import PHOTO_SUFFIXES, VIDEO_SUFFIXES
 from .library import NotFound, WebProject, free_name
-from .settings import PHOTO_TYPES, ServeSettings
+from .settings import ServeSettings
 from .small_photos import copies_of, write_small_photo
 from .writers import only_writer
 
@@ -33,7 +33,7 @@ def photo_name(filename: str) -> str:
     """
     last = re.split(r"[/\\]", unicodedata.normalize("NFC", filename))[-1]
     stem, suffix = os.path.splitext(_UNSAFE.sub("_", last).strip(" ."))
-    if suffix.lower() not in (*PHOTO_TYPES, *VIDEO_SUFFIXES):
+    if suffix.lower() not in (*PHOTO_SUFFIXES, *VIDEO_SUFFIXES):
         raise FormatError(
             f"{last[:_MAX_NAME]!r} is not a photo or video. Upload JPEG, PNG, TIFF, WebP, HEIC, MP4 or MOV files."
         )
@@ -79,7 +79,7 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, sha256: str,
     DiskError
         When it cannot be stored.
     """
-    name = _name_of_kind(filename, upload, PHOTO_TYPES)
+    name = _name_of_kind(filename, upload, PHOTO_SUFFIXES)
     _require_new(project, name, sha256, settings)
     small = project.cache / f"checked-{upload.name}.jpg"
     try:

@@ -12,8 +12,9 @@ from pathlib import Path
 
 from ..core.errors import FormatError, ProjectError
 from ..core.files import bytes_of, delete_derived, is_inner_name, path_within, read_json, write_json, write_problem
-from ..photos.settings import VIDEO_SUFFIXES
-from .settings import PHOTO_TYPES, ServeSettings
+from ..photos.settings import PHOTO_SUFFIXES, VIDEO_SUFFIXES
+from ..project.own_words import read_learning
+from .settings import ServeSettings
 from .small_photos import copies_of
 from .trash import Trash, TrashItem
 from .writers import only_writer
@@ -54,6 +55,10 @@ class WebProject:
     def own_words(self) -> Path:
         """File of the user's own vocabulary, which no other user's projects read."""
         return self.folder.parent.parent / "own_words.json"
+
+    def own_words_options(self) -> list[str]:
+        """Return the options by which the engine uses these words; none where the user does not want it."""
+        return [f"--own-words={self.own_words}"] if read_learning(self.project) else []
 
     @property
     def photos(self) -> Path:
@@ -104,7 +109,7 @@ class WebProject:
 
     def photo_names(self) -> list[str]:
         """Return the names of the uploaded photos, sorted."""
-        return _names_in(self.photos, PHOTO_TYPES)
+        return _names_in(self.photos, PHOTO_SUFFIXES)
 
     def video_names(self) -> list[str]:
         """Return the names of the uploaded videos, sorted."""

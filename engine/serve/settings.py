@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.errors import PromptError
 from ..rasterizer.settings import DeviceName
-
-PHOTO_TYPES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
-"""Suffixes of files that are accepted; the content decides whether a file is a picture."""
 
 
 @dataclass(frozen=True)
@@ -123,3 +121,8 @@ class ServeSettings:
     def users_may_fetch(self) -> bool:
         """Whether users may have a model fetched to this computer."""
         return not self.lan if self.fetch_models is None else self.fetch_models
+
+    def require_short(self, prompt: str) -> None:
+        """Raise `PromptError` for a text that is too long."""
+        if len(prompt) > self.max_prompt:
+            raise PromptError(f"A prompt has at most {self.max_prompt} characters.")

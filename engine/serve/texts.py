@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated
 
 from pydantic import AfterValidator
@@ -9,17 +10,11 @@ from pydantic import AfterValidator
 from ..core.visible_text import visible
 
 
-def _one_line(text: str) -> str:
-    if visible(text) != text:
+def _require_visible(text: str, keep: str = "") -> str:
+    if visible(text, keep=keep) != text:
         raise ValueError("it holds characters that cannot be shown")
     return text
 
 
-def _several_lines(text: str) -> str:
-    if visible(text, keep="\n\r\t") != text:
-        raise ValueError("it holds characters that cannot be shown")
-    return text
-
-
-Line = Annotated[str, AfterValidator(_one_line)]
-Lines = Annotated[str, AfterValidator(_several_lines)]
+Line = Annotated[str, AfterValidator(_require_visible)]
+Lines = Annotated[str, AfterValidator(partial(_require_visible, keep="\n\r\t"))]

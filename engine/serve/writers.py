@@ -8,15 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from weakref import WeakValueDictionary
 
-
-class _Lock:
-    """A lock that one thread may take several times."""
-
-    def __init__(self) -> None:
-        self.lock = threading.RLock()
-
-
-_locks: WeakValueDictionary[Path, _Lock] = WeakValueDictionary()
+_locks: WeakValueDictionary[Path, threading.RLock] = WeakValueDictionary()
 _finding = threading.Lock()
 
 
@@ -29,6 +21,6 @@ def only_writer(folder: Path) -> Iterator[None]:
     with _finding:
         held = _locks.get(folder)
         if held is None:
-            held = _locks[folder] = _Lock()
-    with held.lock:
+            held = _locks[folder] = threading.RLock()
+    with held:
         yield

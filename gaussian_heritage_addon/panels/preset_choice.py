@@ -6,15 +6,13 @@ from pathlib import Path
 
 import bpy
 
-from ...engine.photos.settings import VIDEO_SUFFIXES
+from ...engine.photos.settings import PHOTO_SUFFIXES, VIDEO_SUFFIXES
 from ...engine.training.settings import OFFERED_PRESETS
 from ...engine.workers.jobs import format_seconds
 from ..blender.drawn_text import draw_text
 from ..jobs import preset_times
 from ..language.translations import translated
 
-PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
-"""Suffixes by which photos are recognised here. The engine reads the whole folder, also files with other suffixes."""
 _MAX_LOOKED_AT = 2000
 """Entries of a folder that are looked at for a photo."""
 

@@ -10,7 +10,6 @@ from pydantic import BaseModel, Field
 from ...core.errors import ProjectError, PromptError, SettingsError
 from ...core.files import object_file
 from ...project.objects import RECORD_FILE
-from ...project.own_words import read_learning
 from ...project.refused_prompts import read_offer
 from ...scene import FISHEYE_LENS
 from ...training.settings import DEFAULT_PRESET, OFFERED_PRESETS
@@ -127,9 +126,10 @@ def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSett
     ways.append(wanted.any_word)
     if sum(ways) + (wanted.accept is not None) != 1:
         raise SettingsError("Give exactly one of prompt, clicks, find_all, background, accept, detail and any_word.")
-    if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
-        raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
-    own = [f"--own-words={project.own_words}"] if read_learning(project.project) else []
+    settings.require_short(wanted.prompt)
+    if len(wanted.clicks) > settings.max_clicks:
+        raise PromptError(f"A prompt has at most {settings.max_clicks} clicks.")
+    own = project.own_words_options()
     return ["segment", str(project.project), *_prompt(project, wanted, settings), *_device(settings), *own]
 
 

@@ -10,11 +10,10 @@ from pydantic import BaseModel, Field
 from ...cameras.settings import FEWEST_PHOTOS
 from ...core.language import languages
 from ...core.stage_names import STAGE_NAMES
-from ...photos.settings import VIDEO_SUFFIXES
+from ...photos.settings import PHOTO_SUFFIXES, VIDEO_SUFFIXES
 from ...training.settings import DEFAULT_PRESET, LIGHT_DESCRIPTION, LIGHT_LABEL, OFFERED_PRESETS
 from ..access import CurrentUser, local_user, server_of, session_cookie, session_user, set_session
 from ..downloads import DOWNLOADS
-from ..settings import PHOTO_TYPES
 
 router = APIRouter(prefix="/session", tags=["session"])
 
@@ -58,7 +57,7 @@ def _description(request: Request, user: str | None, cookie: str) -> dict[str, A
         "photo_bytes": server.settings.max_photo_bytes,
         "project_photos": server.settings.max_photos,
         "fewest_photos": FEWEST_PHOTOS,
-        "photo_types": list(PHOTO_TYPES),
+        "photo_types": list(PHOTO_SUFFIXES),
         "video_types": list(VIDEO_SUFFIXES),
     }
     return {

@@ -10,7 +10,6 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from ...core.errors import PromptError
 from ...core.files import path_within
 from ...delivery.records import describe_unit
 from ...formats import format_of
@@ -51,8 +50,7 @@ class Question(BaseModel):
 async def ask_scene(question: Question, project: CurrentProject, request: Request) -> dict[str, Any]:
     """Return what the scene so far shows of what words name, with pictures; nothing is stored."""
     server = server_of(request)
-    if len(question.prompt) > server.settings.max_prompt:
-        raise PromptError(f"A prompt has at most {server.settings.max_prompt} characters.")
+    server.settings.require_short(question.prompt)
     return await server.work.answers(project, question.prompt)
 
 
