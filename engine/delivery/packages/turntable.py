@@ -21,7 +21,7 @@ from ...core.system import replace_file
 from ...pictures import Scene, render_view, write_png
 from ...rasterizer.settings import Backend
 from ...scene import Camera, Gaussians, PinholeCamera
-from ..report import PAPER_WHITE, best_seen_from, orbit_cameras, picture_sheet, render_alone
+from ..report import best_seen_from, orbit_cameras, picture_sheet, render_alone
 
 N_PICTURES = 72
 """Pictures of a turn: one each five degrees of a full one."""
@@ -87,7 +87,7 @@ def turn_of_object(
     pictures = []
     for side in sides:
         _stop_if(should_stop)
-        pictures.append(render_alone(gaussians, side, PAPER_WHITE, backend=backend))
+        pictures.append(render_alone(gaussians, side, backend=backend))
     steps = [_degrees_between(a, b) for a, b in zip(sides, sides[1:], strict=False)]
     # A full turn is divided evenly, so that the step from the last picture to the first is as large as the others.
     closed = _degrees_between(sides[-1], sides[0]) < 1.5 * steps[0]
@@ -158,7 +158,7 @@ def write_sheet(path: Path, title: str, pictures: Sequence[Pixels]) -> None:
     count = min(len(pictures), _SHEET_COLUMNS * _SHEET_ROWS)
     shown = [pictures[i] for i in np.linspace(0, len(pictures), count, endpoint=False).astype(int)]
     rows = [shown[start : start + _SHEET_COLUMNS] for start in range(0, count, _SHEET_COLUMNS)]
-    sheet = picture_sheet([(title if i == 0 else "", row) for i, row in enumerate(rows)], PAPER_WHITE)
+    sheet = picture_sheet([(title if i == 0 else "", row) for i, row in enumerate(rows)])
     if sheet is not None:
         write_png(path, sheet, description=title)
 

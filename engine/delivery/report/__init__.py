@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from .build import build_report
     from .markup import Html, fill, joined
     from .plots import compare_curves
-    from .sheet import picture_sheet, render_alone
+    from .sheet import PAPER_WHITE, picture_sheet, render_alone
     from .style import STYLE
-    from .views import PAPER_WHITE, best_seen_from, orbit_cameras
+    from .views import best_seen_from, orbit_cameras
 
 __getattr__ = lazy_exports(__name__, __file__)

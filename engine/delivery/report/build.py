@@ -26,7 +26,6 @@ from .facts import collect_facts
 from .page import Pictures, page
 from .sheet import picture_sheet
 from .views import (
-    PAPER_WHITE,
     PhotoPair,
     best_seen_from,
     measure_feature_agreement,
@@ -88,7 +87,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
             pictures = Pictures(held_out, _object_pictures(project, cameras, gaussians, backend))
     folder = project.path / "report"
     names = {record["id"]: str(record["name"]) for record in facts["objects"]}
-    sheet = picture_sheet([(names[key], sides) for key, sides in pictures.objects.items()], PAPER_WHITE)
+    sheet = picture_sheet([(names[key], sides) for key, sides in pictures.objects.items()])
     if sheet is not None:
         write_png(folder / SHEET_FILE, sheet, description="Every object from four sides")
     else:

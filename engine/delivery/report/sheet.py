@@ -14,6 +14,8 @@ from ...pictures import Scene
 from ...rasterizer.settings import Backend
 from ...scene import Gaussians, PinholeCamera
 
+PAPER_WHITE = (0.965, 0.957, 0.937)
+"""Background of objects, sRGB in [0, 1]: the colour of the page."""
 _MIN_ALPHA, _FULL_ALPHA = 0.3, 0.7
 """Alpha that becomes background, and alpha that becomes opaque: Gaussians fade out over more pixels than an outline."""
 _SPECK_MARGIN = 2
@@ -28,17 +30,13 @@ _CAPTION_COLOR = (60, 56, 50)
 """Colour of captions, sRGB, 0 to 255."""
 
 
-def render_alone(
-    gaussians: Gaussians, camera: PinholeCamera, background: Sequence[float], *, backend: Backend = "cpu"
-) -> Pixels:
-    """Return a picture of Gaussians on a plain background with a clean edge, uint8 [H, W, 3].
+def render_alone(gaussians: Gaussians, camera: PinholeCamera, *, backend: Backend = "cpu") -> Pixels:
+    """Return a picture of Gaussians on the colour of paper with a clean edge, uint8 [H, W, 3].
 
     Parameters
     ----------
     gaussians : Gaussians
         Those of the object.
-    background : sequence of 3 floats
-        sRGB in [0, 1].
     backend : {"cpu", "gpu", "reference"}
 
     Notes
@@ -57,19 +55,17 @@ def render_alone(
         side = 2 * _SPECK_MARGIN + 1
         edge = edge * (cv2.dilate(kept.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
     color = rendered.channels / np.maximum(alpha, 1e-3)[..., None]
-    blended = edge[..., None] * np.clip(color, 0, 1) + (1 - edge[..., None]) * np.asarray(background, np.float32)
+    blended = edge[..., None] * np.clip(color, 0, 1) + (1 - edge[..., None]) * np.array(PAPER_WHITE, np.float32)
     return np.rint(np.clip(blended, 0, 1) * 255).astype(np.uint8)
 
 
-def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], background: Sequence[float]) -> Pixels | None:
+def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]]) -> Pixels | None:
     """Return one picture with a row for each object: its name, and its pictures below.
 
     Parameters
     ----------
     rows : sequence of (str, sequence of uint8 arrays [h, w, 3])
         Name and pictures of each object, all of one size; objects without pictures are left out.
-    background : sequence of 3 floats
-        sRGB in [0, 1].
 
     Returns
     -------
@@ -83,7 +79,7 @@ def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], background: Sequ
         return None
     height, width = shown[0][1][0].shape[:2]
     columns = max(len(sides) for _, sides in shown)
-    paper = tuple(int(round(255 * value)) for value in background)
+    paper = tuple(int(round(255 * value)) for value in PAPER_WHITE)
     size = (columns * (width + _GAP) + _GAP, len(shown) * (height + _CAPTION_HEIGHT + _GAP) + _GAP)
     sheet = Image.new("RGB", size, paper)
     # Matplotlib brings this font, which has the letters of all European scripts; that of Pillow has ASCII alone.

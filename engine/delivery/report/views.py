@@ -19,9 +19,6 @@ from ...scene import Camera, Gaussians, PinholeCamera
 from ...training import WELL_SEEN, Coverage
 from .sheet import render_alone
 
-PAPER_WHITE = (0.965, 0.957, 0.937)
-"""Background of objects, sRGB in [0, 1]: the colour of the page."""
-
 _PAIR_SIDE = 760
 """Longest side of a photo and its render, pixels."""
 _PALE = 160
@@ -200,7 +197,7 @@ def orbit_pictures(
     if len(gaussians) == 0:
         return []
     sides = orbit_cameras(gaussians.means, cameras)
-    return [render_alone(gaussians, camera, PAPER_WHITE, backend=backend) for camera in sides]
+    return [render_alone(gaussians, camera, backend=backend) for camera in sides]
 
 
 def measure_feature_agreement(

@@ -289,7 +289,7 @@ def test_picture_of_several_presets_shows_what_was_measured() -> None:
 def test_sheet_shows_every_object_from_four_sides_with_clean_edges(project: ProjectFolder) -> None:
     from PIL import Image
 
-    from engine.delivery.report.views import PAPER_WHITE
+    from engine.delivery.report.sheet import PAPER_WHITE
 
     build_report(project)
     with Image.open(project.path / "report" / "objects.png") as picture:
@@ -305,7 +305,7 @@ def test_sheet_shows_every_object_from_four_sides_with_clean_edges(project: Proj
 def test_sheet_of_nothing_is_none() -> None:
     from engine.delivery.report.sheet import picture_sheet
 
-    assert picture_sheet([("a", [])], (1, 1, 1)) is None
+    assert picture_sheet([("a", [])]) is None
 
 
 def test_objects_are_shown_from_where_nothing_hides_them(blobs: BlobScene) -> None:
