@@ -184,8 +184,7 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
             return [obj for obj in context.scene.objects if obj.select_get() and can_be_exported(obj)], []
         if self.scope == "SCENE":
             return heritage_objects(context.scene, "SCENE"), []
-        choice = choose_objects(context.scene, with_hidden=self.with_hidden, with_background=self.with_background)
-        return list(choice.objects), list(choice.left_out)
+        return choose_objects(context.scene, with_hidden=self.with_hidden, with_background=self.with_background)
 
 
 def _said(text: str, objects: Sequence[bpy.types.Object | tuple[bpy.types.Object, str]]) -> str:

@@ -125,15 +125,6 @@ def vector(tree: bpy.types.NodeTree, operation: str, *operands: Any, output: str
     return node.outputs[output]
 
 
-def scale_vector(tree: bpy.types.NodeTree, operand: Socket, factor: Formula) -> Socket:
-    """Return ``operand * factor``."""
-    node = tree.nodes.new("ShaderNodeVectorMath")
-    node.operation = "SCALE"
-    connect(tree, node.inputs["Vector"], operand)
-    connect(tree, node.inputs["Scale"], factor)
-    return node.outputs["Vector"]
-
-
 def separate_xyz(tree: bpy.types.NodeTree, operand: Socket) -> Sequence[Formula]:
     """Return the three components of a vector."""
     node = new_node(tree, "ShaderNodeSeparateXYZ", Vector=operand)

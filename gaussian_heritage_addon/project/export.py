@@ -50,23 +50,10 @@ def export_formats() -> tuple[str, ...]:
     return tuple(one.name for one in FORMATS if not one.needs_openusd or can_write_usd())
 
 
-@dataclass(frozen=True)
-class ExportChoice:
-    """Which isolated objects of a scene are exported, and which are left out, each with the reason.
-
-    Attributes
-    ----------
-    objects : tuple of Object
-    left_out : tuple of (Object, str)
-        The reason is ``"hidden"`` or ``"background"``.
-    """
-
-    objects: tuple[bpy.types.Object, ...]
-    left_out: tuple[tuple[bpy.types.Object, str], ...]
-
-
-def choose_objects(scene: bpy.types.Scene, *, with_hidden: bool, with_background: bool) -> ExportChoice:
-    """Return which isolated objects of `scene` are exported when all are asked for.
+def choose_objects(
+    scene: bpy.types.Scene, *, with_hidden: bool, with_background: bool
+) -> tuple[list[bpy.types.Object], list[tuple[bpy.types.Object, str]]]:
+    """Return which isolated objects of `scene` are exported when all are asked for, and which are not, and why.
 
     Parameters
     ----------
@@ -74,6 +61,11 @@ def choose_objects(scene: bpy.types.Scene, *, with_hidden: bool, with_background
         Include objects whose eye is closed, in the list or in the outliner.
     with_background : bool
         Include backgrounds, which surround the objects. Where they are the only objects, they are always included.
+
+    Returns
+    -------
+    list of Object, and list of (Object, str)
+        The reason is ``"hidden"`` or ``"background"``.
     """
     every = heritage_objects(scene, "OBJECT")
     only_background = all(obj.heritage.kind == "background" for obj in every)
@@ -87,7 +79,7 @@ def choose_objects(scene: bpy.types.Scene, *, with_hidden: bool, with_background
             left_out.append((obj, reason))
         else:
             chosen.append(obj)
-    return ExportChoice(tuple(chosen), tuple(left_out))
+    return chosen, left_out
 
 
 def _is_closed(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
@@ -127,6 +119,16 @@ class ExportOptions:
     with_far: bool = False
     own_origin: bool = False
 
+    def placement(self, obj: bpy.types.Object) -> NDArray[np.float64]:
+        """Return the transform [4, 4] from the frame of `obj` to that of its file, Z up."""
+        matrix = world_matrix(obj)
+        if self.own_origin:
+            matrix[:3, 3] = 0
+        return matrix
+
+
+DEFAULT_OPTIONS = ExportOptions()
+
 
 @dataclass(frozen=True)
 class _Exported:
@@ -148,7 +150,7 @@ def export_splats(
     objects: Sequence[bpy.types.Object],
     folder: Path,
     file_format: str,
-    options: ExportOptions | None = None,
+    options: ExportOptions = DEFAULT_OPTIONS,
     *,
     overwrite: bool = False,
 ) -> list[Path]:
@@ -174,13 +176,12 @@ def export_splats(
     files = file_names(objects, folder, file_format)
     if not overwrite:
         require_new(files, folder)
-    options = options or ExportOptions()
     for obj, file in zip(objects, files, strict=True):
         _write(file, _exported(obj, options), [obj], options)
     return files
 
 
-def export_together(objects: Sequence[bpy.types.Object], file: Path, options: ExportOptions | None = None) -> None:
+def export_together(objects: Sequence[bpy.types.Object], file: Path, options: ExportOptions = DEFAULT_OPTIONS) -> None:
     """Write all of `objects` to one file, whose extension gives the format, in world space; parts as `export_splats`.
 
     Raises
@@ -191,7 +192,7 @@ def export_together(objects: Sequence[bpy.types.Object], file: Path, options: Ex
     require_some(objects)
     if _format_of(file) is None:
         raise SettingsError(f"{file.name} has no extension of a known format. Use .{', .'.join(export_formats())}.")
-    options = replace(options or ExportOptions(), own_origin=False)
+    options = replace(options, own_origin=False)
     parts = [_exported(obj, options) for obj in objects]
     if len(parts) == 1:
         _write(file, parts[0], objects, options)
@@ -223,10 +224,7 @@ def _with_bands(gaussians: Gaussians, count: int) -> Gaussians:
 
 def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
     if has_native_splats(obj):
-        matrix = world_matrix(obj)
-        if options.own_origin:
-            matrix[:3, 3] = 0
-        return _Exported(native_gaussians(obj), {}, matrix, None)
+        return _Exported(native_gaussians(obj), {}, options.placement(obj), None)
     splats = SplatScene.of(obj)
     splats.follow_vertices()
     gaussians, kept, stored = splats.local_gaussians(), splats.shown, splats.stored_file
@@ -237,10 +235,7 @@ def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
     if not kept.all():
         gaussians, extra = gaussians[kept], {name: values[kept] for name, values in extra.items()}
         lost = None if lost is None else lost[kept]
-    matrix = world_matrix(obj)
-    if options.own_origin:
-        matrix[:3, 3] = 0
-    return _Exported(gaussians, extra, matrix, stored, lost)
+    return _Exported(gaussians, extra, options.placement(obj), stored, lost)
 
 
 def _far(obj: bpy.types.Object, gaussians: Gaussians) -> NDArray[np.bool_]:

@@ -9,7 +9,6 @@ import bpy
 
 from ...engine.core.errors import ObjectError, ProjectError
 from ...engine.formats import FORMATS, Format
-from ..blender.world_placement import world_matrix
 from ..splats.properties import project_of
 from ..splats.splats import SplatScene
 from .export import ExportOptions, file_names, require_new, require_some
@@ -96,10 +95,7 @@ def mesh_exports(
     exports = []
     for obj, file in zip(objects, files, strict=True):
         project = project_of(obj.heritage)
-        matrix = world_matrix(obj)
-        if options.own_origin:
-            matrix[:3, 3] = 0
-        matrix = matrix @ SplatScene.of(obj).frame
+        matrix = options.placement(obj) @ SplatScene.of(obj).frame
         placed = [
             f"--placement={','.join(map(repr, matrix.ravel().tolist()))}",
             f"--unit={'metre' if is_metric(obj) else 'unknown'}",

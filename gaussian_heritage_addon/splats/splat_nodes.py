@@ -8,9 +8,17 @@ from typing import Any
 import bpy
 
 from ...engine.rasterizer.settings import ALPHA_MIN
-from ..blender.node_math import Formula, connect, named_attribute, new_node, scale_vector, separate_xyz, vector
-from .splat_material import COLOR_ATTRIBUTE
-from .splat_shapes import Cutoff, Projection, add_cards, add_ellipsoids, add_solids, radius_of
+from ..blender.node_math import Formula, connect, named_attribute, new_node, separate_xyz, vector
+from .splat_shapes import (
+    Cutoff,
+    Projection,
+    active_camera,
+    add_cards,
+    add_ellipsoids,
+    add_solids,
+    radius_of,
+    store_color,
+)
 
 DISPLAY = "Gaussian Splats"
 """Name of the modifier."""
@@ -26,17 +34,22 @@ SOLID = "Solid Shapes"
 SHAPES = "Shapes in Viewport"
 VIEW_LOW, VIEW_HIGH = "View Low", "View High"
 """Inputs of the modifier, see `_display_group`."""
+_BEYOND = "Bound of x and y divided by depth; Gaussians beyond it are projected as if they were on it"
 _INPUTS = {
-    THRESHOLD: "NodeSocketFloat",
-    AS_TRAINED: "NodeSocketBool",
-    ANTIALIASED: "NodeSocketBool",
-    PIXEL: "NodeSocketFloat",
-    SOLID: "NodeSocketBool",
-    SHAPES: "NodeSocketBool",
-    VIEW_LOW: "NodeSocketVector",
-    VIEW_HIGH: "NodeSocketVector",
-}
-"""Type of each input."""
+    THRESHOLD: ("NodeSocketFloat", "Gaussians with a lower membership in the object are hidden"),
+    AS_TRAINED: ("NodeSocketBool", "Blend sRGB values, as in training; needs the view transform Raw"),
+    ANTIALIASED: (
+        "NodeSocketBool", "Reduce the opacity of a Gaussian by as much as the low-pass filter widens it"
+    ),
+    PIXEL: (
+        "NodeSocketFloat", "Size of a pixel at distance 1, for the low-pass filter used in training; 0 turns it off"
+    ),
+    SOLID: ("NodeSocketBool", "Draw opaque shapes in the viewport, as the modes Solid and Wireframe need them"),
+    SHAPES: ("NodeSocketBool", "Let the viewport draw a shape for each Gaussian; otherwise, only their bounds"),
+    VIEW_LOW: ("NodeSocketVector", _BEYOND),
+    VIEW_HIGH: ("NodeSocketVector", _BEYOND),
+}  # fmt: skip
+"""Type and description of each input."""
 _SH_C0 = 0.28209479177387814
 _SOLID_OPACITY = 0.15
 """Fainter Gaussians are left out where all that is drawn is opaque."""
@@ -78,12 +91,12 @@ def display_input(obj: bpy.types.Object, name: str) -> Any:
     has_inputs = bpy.app.version >= (5, 2, 0)
     value = getattr(modifier.properties.inputs, identifier).value if has_inputs else modifier[identifier]
     # Blender frees an array of its own when the node group is replaced.
-    return tuple(value) if _INPUTS[name] == "NodeSocketVector" else value
+    return tuple(value) if _INPUTS[name][0] == "NodeSocketVector" else value
 
 
 def _identifier(modifier: bpy.types.Modifier | None, name: str) -> str | None:
     tree = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
-    return None if tree is None else _inputs(tree).get((name, _INPUTS[name]))
+    return None if tree is None else _inputs(tree).get((name, _INPUTS[name][0]))
 
 
 def _inputs(tree: bpy.types.NodeTree) -> dict[tuple[str, str], str]:
@@ -94,32 +107,21 @@ def _inputs(tree: bpy.types.NodeTree) -> dict[tuple[str, str], str]:
 
 def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     name = f"{_GROUP_PREFIX} {sh_degree}"
+    wanted = {(own, kind) for own, (kind, _) in _INPUTS.items()}
     for tree in bpy.data.node_groups:
         # A file from someone else may contain another group of that name.
-        if tree.name.startswith(name) and tree.type == "GEOMETRY" and set(_INPUTS.items()) <= set(_inputs(tree)):
+        if tree.name.startswith(name) and tree.type == "GEOMETRY" and wanted <= set(_inputs(tree)):
             return tree
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     tree.is_modifier = True
     for in_out in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
-    threshold = tree.interface.new_socket(THRESHOLD, in_out="INPUT", socket_type=_INPUTS[THRESHOLD])
-    threshold.description = "Gaussians with a lower membership in the object are hidden"
-    trained = tree.interface.new_socket(AS_TRAINED, in_out="INPUT", socket_type=_INPUTS[AS_TRAINED])
-    trained.description = "Blend sRGB values, as in training; needs the view transform Raw"
-    antialiased = tree.interface.new_socket(ANTIALIASED, in_out="INPUT", socket_type=_INPUTS[ANTIALIASED])
-    antialiased.description = "Reduce the opacity of a Gaussian by as much as the low-pass filter widens it"
-    pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type=_INPUTS[PIXEL])
-    pixel.description = "Size of a pixel at distance 1, for the low-pass filter used in training; 0 turns it off"
-    solid = tree.interface.new_socket(SOLID, in_out="INPUT", socket_type=_INPUTS[SOLID])
-    solid.description = "Draw opaque shapes in the viewport, as the modes Solid and Wireframe need them"
-    shapes = tree.interface.new_socket(SHAPES, in_out="INPUT", socket_type=_INPUTS[SHAPES])
-    shapes.description = "Let the viewport draw a shape for each Gaussian; otherwise, only their bounds"
-    for bound, sign in ((VIEW_LOW, -1.0), (VIEW_HIGH, 1.0)):
-        socket = tree.interface.new_socket(bound, in_out="INPUT", socket_type=_INPUTS[bound])
-        socket.description = (
-            "Bound of x and y divided by depth; Gaussians beyond it are projected as if they were on it"
-        )
-        socket.default_value = (sign, sign, 0.0)
+    for own, (kind, description) in _INPUTS.items():
+        socket = tree.interface.new_socket(own, in_out="INPUT", socket_type=kind)
+        socket.description = description
+        if kind == "NodeSocketVector":
+            sign = -1.0 if own == VIEW_LOW else 1.0
+            socket.default_value = (sign, sign, 0.0)
     _build(tree, sh_degree)
     return tree
 
@@ -136,17 +138,10 @@ def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
         linear = _linear_from_srgb(positive)
         connect(tree, socket, linear + as_trained * (positive - linear))
     connect(tree, combined.inputs["Alpha"], opacity)
-    with_color = new_node(
-        tree,
-        "GeometryNodeStoreNamedAttribute",
-        {"data_type": "FLOAT_COLOR", "domain": "POINT"},
-        Geometry=inputs["Geometry"],
-        Name=COLOR_ATTRIBUTE,
-        Value=combined.outputs[0],
-    )
+    with_color = store_color(tree, inputs["Geometry"], combined.outputs[0])
     membership = Formula(tree, named_attribute(tree, "membership", "FLOAT"))
     belongs = Formula(tree, 1.0) - (membership < Formula(tree, inputs[THRESHOLD]))
-    points = new_node(tree, "GeometryNodeMeshToPoints", Mesh=with_color.outputs["Geometry"])
+    points = new_node(tree, "GeometryNodeMeshToPoints", Mesh=with_color)
     cutoff = Cutoff(
         points=points.outputs["Points"],
         # A Gaussian with a lower opacity is invisible.
@@ -156,7 +151,7 @@ def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
     solid = replace(cutoff, drawn=belongs * (opacity > _SOLID_OPACITY))
     low, high = (separate_xyz(tree, inputs[bound]) for bound in (VIEW_LOW, VIEW_HIGH))
     projection = Projection(Formula(tree, inputs[PIXEL]), low, high, Formula(tree, inputs[ANTIALIASED]), opacity)
-    solids = add_solids(tree, solid, with_color.outputs["Geometry"])
+    solids = add_solids(tree, solid, with_color)
     viewport = _choice(tree, inputs[SOLID], solids, add_ellipsoids(tree, cutoff))
     viewport = _choice(tree, inputs[SHAPES], viewport, _corners(tree, solid, inputs["Geometry"]))
     is_viewport = tree.nodes.new("GeometryNodeIsViewport").outputs[0]
@@ -189,19 +184,14 @@ def _choice(tree: bpy.types.NodeTree, condition: Any, if_true: Any, if_false: An
 
 def _srgb_color(tree: bpy.types.NodeTree, base: Any, sh_degree: int) -> Any:
     """Return ``0.5 + sum_k basis_k(direction from the camera) sh_k`` as a vector."""
-    total = scale_vector(tree, base, Formula(tree, _SH_C0))
+    total = vector(tree, "SCALE", base, Formula(tree, _SH_C0))
     if sh_degree > 0:
-        camera = new_node(
-            tree,
-            "GeometryNodeObjectInfo",
-            {"transform_space": "RELATIVE"},
-            Object=tree.nodes.new("GeometryNodeInputActiveCamera").outputs[0],
-        )
         position = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
-        direction = vector(tree, "NORMALIZE", vector(tree, "SUBTRACT", position, camera.outputs["Location"]))
+        offset = vector(tree, "SUBTRACT", position, active_camera(tree)["Location"])
+        direction = vector(tree, "NORMALIZE", offset)
         for index, basis in enumerate(_sh_basis(separate_xyz(tree, direction), sh_degree)):
             coefficient = named_attribute(tree, f"radiance:sh_{index}", "FLOAT_VECTOR")
-            total = vector(tree, "ADD", total, scale_vector(tree, coefficient, basis))
+            total = vector(tree, "ADD", total, vector(tree, "SCALE", coefficient, basis))
     return vector(tree, "ADD", total, (0.5, 0.5, 0.5))
 
 

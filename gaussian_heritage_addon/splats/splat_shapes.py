@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 
 from ...engine.rasterizer.settings import ALPHA_MIN, RasterSettings
-from ..blender.node_math import Formula, connect, named_attribute, new_node, scale_vector, vector
+from ..blender.node_math import Formula, connect, named_attribute, new_node, vector
 from .splat_material import COLOR_ATTRIBUTE, splat_material
 
 _ICOSAHEDRON_RADIUS = 1.2584086
@@ -83,7 +83,7 @@ def add_ellipsoids(tree: bpy.types.NodeTree, cutoff: Cutoff) -> Any:
         Selection=cutoff.drawn,
         Instance=shape_with_material,
         Rotation=named_attribute(tree, "rotation", "QUATERNION"),
-        Scale=scale_vector(tree, named_attribute(tree, "scale", "FLOAT_VECTOR"), cutoff.radius),
+        Scale=vector(tree, "SCALE", named_attribute(tree, "scale", "FLOAT_VECTOR"), cutoff.radius),
     )
     return instances.outputs["Instances"]
 
@@ -159,12 +159,12 @@ def add_cards(tree: bpy.types.NodeTree, cutoff: Cutoff, projection: Projection) 
     first = xx.maximum(1e-24).sqrt()
     second = xy / first
     third = (yy - second * second).maximum(1e-24).sqrt()
-    first_column = vector(tree, "ADD", scale_vector(tree, right, first), scale_vector(tree, up, second))
+    first_column = vector(tree, "ADD", vector(tree, "SCALE", right, first), vector(tree, "SCALE", up, second))
     columns = [
-        scale_vector(tree, first_column, radius),
-        scale_vector(tree, up, third * radius),
+        vector(tree, "SCALE", first_column, radius),
+        vector(tree, "SCALE", up, third * radius),
         # A card has no thickness, but Cycles needs an invertible matrix.
-        scale_vector(tree, forward, third * radius),
+        vector(tree, "SCALE", forward, third * radius),
         center,
     ]
     square = new_node(tree, "GeometryNodeMeshGrid", Size__X=2.0, Size__Y=2.0, Vertices__X=2, Vertices__Y=2)
@@ -192,15 +192,22 @@ def _with_opacity(tree: bpy.types.NodeTree, points: Any, opacity: Formula) -> An
     for socket, channel in zip(combined.inputs, parts, strict=False):
         connect(tree, socket, channel)
     connect(tree, combined.inputs["Alpha"], opacity)
+    return store_color(tree, points, combined.outputs[0])
+
+
+def store_color(tree: bpy.types.NodeTree, geometry: Any, color: Any) -> Any:
+    """Return the geometry with `color` in the attribute that the material reads."""
+    settings = {"data_type": "FLOAT_COLOR", "domain": "POINT"}
     node = new_node(
-        tree,
-        "GeometryNodeStoreNamedAttribute",
-        {"data_type": "FLOAT_COLOR", "domain": "POINT"},
-        Geometry=points,
-        Name=COLOR_ATTRIBUTE,
-        Value=combined.outputs[0],
+        tree, "GeometryNodeStoreNamedAttribute", settings, Geometry=geometry, Name=COLOR_ATTRIBUTE, Value=color
     )
     return node.outputs["Geometry"]
+
+
+def active_camera(tree: bpy.types.NodeTree) -> Any:
+    """Return the outputs of a node about the active camera, in the frame of the object."""
+    camera = tree.nodes.new("GeometryNodeInputActiveCamera").outputs[0]
+    return new_node(tree, "GeometryNodeObjectInfo", {"transform_space": "RELATIVE"}, Object=camera).outputs
 
 
 def _with_material(tree: bpy.types.NodeTree, mesh: Any, *, flat: bool) -> Any:
@@ -209,17 +216,11 @@ def _with_material(tree: bpy.types.NodeTree, mesh: Any, *, flat: bool) -> Any:
 
 def _camera_axes(tree: bpy.types.NodeTree) -> tuple[Any, Any, Any, Any]:
     """Return the right, up and forward unit vectors and the position of the camera, in the frame of the object."""
-    camera = new_node(
-        tree,
-        "GeometryNodeObjectInfo",
-        {"transform_space": "RELATIVE"},
-        Object=tree.nodes.new("GeometryNodeInputActiveCamera").outputs[0],
-    )
-    axes = []
+    camera, axes = active_camera(tree), []
     for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)):
-        turned = new_node(tree, "FunctionNodeTransformDirection", Direction=axis, Transform=camera.outputs["Transform"])
+        turned = new_node(tree, "FunctionNodeTransformDirection", Direction=axis, Transform=camera["Transform"])
         axes.append(vector(tree, "NORMALIZE", turned.outputs[0]))
-    return axes[0], axes[1], axes[2], camera.outputs["Location"]
+    return axes[0], axes[1], axes[2], camera["Location"]
 
 
 def _ellipsoid_axes(tree: bpy.types.NodeTree) -> list[Any]:
