@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.core.arrays import Float32, Float64
+from .attributes import read_attribute, write_attribute
 
 LinearMaps = list[tuple[Float64, NDArray[np.intp]]]
 """Linear maps [3, 3], and the rows of the vertices that each moved. Where vertices were only shifted there is none."""
@@ -39,11 +40,9 @@ def mark_as_right(mesh: bpy.types.Mesh, made_as: int | None = None) -> None:
     """
     if not len(mesh.vertices):
         return
-    right_at = mesh.attributes.get(_RIGHT_AT) or mesh.attributes.new(_RIGHT_AT, "FLOAT_VECTOR", "POINT")
-    right_at.data.foreach_set("vector", _positions(mesh).ravel())
+    write_attribute(mesh, _RIGHT_AT, "FLOAT_VECTOR", _positions(mesh))
     if made_as is not None:
-        number = mesh.attributes.get(_MADE_AS) or mesh.attributes.new(_MADE_AS, "INT", "POINT")
-        number.data.foreach_set("value", np.full(len(mesh.vertices), made_as, np.int32))
+        write_attribute(mesh, _MADE_AS, "INT", np.full(len(mesh.vertices), made_as))
 
 
 def moves_since(mesh: bpy.types.Mesh) -> LinearMaps | None:
@@ -65,14 +64,8 @@ def moves_since(mesh: bpy.types.Mesh) -> LinearMaps | None:
 
 def _marked(mesh: bpy.types.Mesh) -> tuple[Float32, NDArray[np.int32]] | None:
     """Return the positions [N, 3] for which the attributes are right, and the numbers [N]; None without marks."""
-    right_at, number = mesh.attributes.get(_RIGHT_AT), mesh.attributes.get(_MADE_AS)
-    kinds = [None if one is None else (one.data_type, one.domain) for one in (right_at, number)]
-    if kinds != [("FLOAT_VECTOR", "POINT"), ("INT", "POINT")]:
-        return None
-    before, made_as = np.empty((len(mesh.vertices), 3), np.float32), np.empty(len(mesh.vertices), np.int32)
-    right_at.data.foreach_get("vector", before.ravel())
-    number.data.foreach_get("value", made_as)
-    return before, made_as
+    before, made_as = read_attribute(mesh, _RIGHT_AT, "FLOAT_VECTOR"), read_attribute(mesh, _MADE_AS, "INT")
+    return None if before is None or made_as is None else (before, made_as)
 
 
 def main_move(mesh: bpy.types.Mesh, made_as: int) -> Float64:
@@ -109,9 +102,8 @@ def _main_map(earlier: NDArray[np.floating], later: NDArray[np.floating]) -> Flo
 
 
 def _positions(mesh: bpy.types.Mesh) -> Float32:
-    values = np.empty((len(mesh.vertices), 3), np.float32)
-    mesh.attributes["position"].data.foreach_get("vector", values.ravel())
-    return values
+    positions = read_attribute(mesh, "position", "FLOAT_VECTOR")
+    return np.zeros((0, 3), np.float32) if positions is None else positions
 
 
 def linear_maps(earlier: NDArray[np.floating], later: NDArray[np.floating]) -> LinearMaps:

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from ...engine.core.errors import ObjectError
 from ...engine.formats import logits_of
 from ...engine.scene import Gaussians
+from ..blender.attributes import read_attribute, write_attribute
 
 _KINDS = {
-    "position": ("FLOAT_VECTOR", "vector", 3),
-    "rotation": ("QUATERNION", "value", 4),
-    "scale": ("FLOAT_VECTOR", "vector", 3),
-    "radiance:base": ("FLOAT4", "vector", 4),
+    "position": "FLOAT_VECTOR",
+    "rotation": "QUATERNION",
+    "scale": "FLOAT_VECTOR",
+    "radiance:base": "FLOAT4",
 }
-"""Attributes that all Gaussians have: type, name and number of the values of a point."""
-_SH_KIND = ("FLOAT_VECTOR", "vector", 3)
+"""Types of the attributes that all Gaussians have."""
+_SH_KIND = "FLOAT_VECTOR"
 HARMONICS = (0, 3, 8, 15)
 """Numbers of spherical harmonics beyond the first, for the degrees 0 to 3."""
 
@@ -56,9 +57,7 @@ def new_point_cloud(name: str, gaussians: Gaussians) -> bpy.types.PointCloud:
     for k in range(1, gaussians.sh.shape[1]):
         values[f"radiance:sh_{k - 1}"] = gaussians.sh[:, k]
     for attribute_name, numbers in values.items():
-        data_type, key, _ = _KINDS.get(attribute_name, _SH_KIND)
-        attribute = cloud.attributes.get(attribute_name) or cloud.attributes.new(attribute_name, data_type, "POINT")
-        attribute.data.foreach_set(key, np.ascontiguousarray(numbers, np.float32).ravel())
+        write_attribute(cloud, attribute_name, _KINDS.get(attribute_name, _SH_KIND), numbers)
     return cloud
 
 
@@ -112,9 +111,7 @@ def native_gaussians(obj: bpy.types.Object) -> Gaussians:
 
 
 def _read(obj: bpy.types.Object, cloud: bpy.types.PointCloud, name: str) -> NDArray[np.float32]:
-    attribute, (data_type, key, width) = cloud.attributes.get(name), _KINDS.get(name, _SH_KIND)
-    if attribute is None or attribute.data_type != data_type or attribute.domain != "POINT":
+    values = read_attribute(cloud, name, _KINDS.get(name, _SH_KIND))
+    if values is None:
         raise ObjectError(f"The attribute {name} of {obj.name} was removed or changed. Import the object again.")
-    values = np.zeros((len(cloud.points), width), np.float32)
-    attribute.data.foreach_get(key, values.ravel())
     return values

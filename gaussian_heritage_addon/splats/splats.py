@@ -20,6 +20,7 @@ from ...engine.core.arrays import Float32
 from ...engine.core.errors import ObjectError
 from ...engine.formats import logits_of, transform_gaussians
 from ...engine.scene import Gaussians, unit_quats
+from ..blender.attributes import FOUR_FLOATS, VECTORS, read_attribute, write_attribute
 from ..blender.mesh_frame import follow_frame, frame_of_mesh, keep_frame
 from ..blender.moved_vertices import mark_as_right, moves_since
 from ..blender.world_placement import world_matrix
@@ -27,11 +28,6 @@ from .native_splats import HARMONICS, number_of_harmonics
 from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import ANTIALIASED, ANTIALIASED_KEY, add_display, set_display_input
 from .stored_file import StoredFile, forget_lost_digits, stored_file, with_stored_values
-
-# FLOAT4 exists since Blender 5.2. Before, FLOAT_COLOR stores the same four floats, including negative ones.
-_BASE_TYPE = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
-_ELEMENT = {"FLOAT4": "vector", "FLOAT_COLOR": "color", "FLOAT_VECTOR": "vector", "QUATERNION": "value"}
-_WIDTH = {"FLOAT4": 4, "FLOAT_COLOR": 4, "FLOAT_VECTOR": 3, "QUATERNION": 4}
 
 
 @dataclass(frozen=True)
@@ -134,12 +130,7 @@ class SplatScene:
             When the object is in Edit Mode, in which its mesh cannot be changed.
         """
         mesh = self._editable_mesh()
-        attribute = mesh.attributes.get("membership")
-        if attribute is None or not _has_numbers(attribute, "FLOAT"):
-            if attribute is not None:
-                mesh.attributes.remove(attribute)
-            attribute = mesh.attributes.new("membership", "FLOAT", "POINT")
-        attribute.data.foreach_set("value", _flat(membership))
+        write_attribute(mesh, "membership", "FLOAT", membership)
         mesh.update_tag()
 
     def _editable_mesh(self) -> bpy.types.Mesh:
@@ -171,7 +162,8 @@ class SplatScene:
             When the rows are not those of such a scene.
         """
         with self._readable_mesh() as mesh:
-            values = _read_numbers(mesh, "gaussian_index", "INT", np.full(len(mesh.vertices), -1, np.int32))
+            none = np.full(len(mesh.vertices), -1, np.int32)
+            values = _known(mesh, "gaussian_index", "INT") if "gaussian_index" in mesh.attributes else none
         if len(values) and (values.min() < -1 or values.max() >= count):
             raise ObjectError(f"The Gaussians of {self.name} do not belong to its scene. Import the object again.")
         return values
@@ -180,9 +172,7 @@ class SplatScene:
     def membership(self) -> Float32 | None:
         """Membership of each Gaussian in the object, shape [N]; None for a whole scene."""
         with self._readable_mesh() as mesh:
-            if mesh.attributes.get("membership") is None:
-                return None
-            return _read_numbers(mesh, "membership", "FLOAT", np.zeros(len(mesh.vertices), np.float32))
+            return _known(mesh, "membership", "FLOAT") if "membership" in mesh.attributes else None
 
     @property
     def shown(self) -> NDArray[np.bool_]:
@@ -329,16 +319,16 @@ def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer]
     """Write Gaussians into an empty mesh, and return the number that marks its vertices."""
     mesh.vertices.add(len(gaussians))
     if len(gaussians):  # a mesh without vertices has no positions
-        mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
-    _write(mesh, "rotation", "QUATERNION", unit_quats(gaussians.quats.astype(np.float64)))
-    _write(mesh, "scale", "FLOAT_VECTOR", gaussians.scales)
+        write_attribute(mesh, "position", "FLOAT_VECTOR", gaussians.means)
+    write_attribute(mesh, "rotation", "QUATERNION", unit_quats(gaussians.quats.astype(np.float64)))
+    write_attribute(mesh, "scale", "FLOAT_VECTOR", gaussians.scales)
     base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
-    _write(mesh, "radiance:base", _BASE_TYPE, base)
+    write_attribute(mesh, "radiance:base", FOUR_FLOATS, base)
     for k in range(1, gaussians.sh.shape[1]):
-        _write(mesh, f"radiance:sh_{k - 1}", "FLOAT_VECTOR", gaussians.sh[:, k])
-    mesh.attributes.new("gaussian_index", "INT", "POINT").data.foreach_set("value", index.astype(np.int32))
+        write_attribute(mesh, f"radiance:sh_{k - 1}", "FLOAT_VECTOR", gaussians.sh[:, k])
+    write_attribute(mesh, "gaussian_index", "INT", index)
     if membership is not None:
-        mesh.attributes.new("membership", "FLOAT", "POINT").data.foreach_set("value", _flat(membership))
+        write_attribute(mesh, "membership", "FLOAT", membership)
     number = _new_number()
     mark_as_right(mesh, number)
     # The display computes the attribute; the mode Solid draws the one that has this name.
@@ -364,45 +354,19 @@ def _with_rows(gaussians: Gaussians, rows: NDArray[np.intp], values: Gaussians) 
 
 
 def _overwrite(mesh: bpy.types.Mesh, name: str, values: NDArray[np.floating], rows: NDArray[np.intp]) -> None:
-    attribute, all_values = mesh.attributes[name], _read(mesh, name)
+    all_values = _read(mesh, name)
     all_values[rows] = values[rows]
-    attribute.data.foreach_set(_ELEMENT[attribute.data_type], _flat(all_values))
-
-
-def _flat(values: NDArray[np.floating]) -> Float32:
-    return np.ascontiguousarray(values, dtype=np.float32).ravel()
-
-
-def _write(mesh: bpy.types.Mesh, name: str, data_type: str, values: NDArray[np.floating]) -> None:
-    mesh.attributes.new(name, data_type, "POINT").data.foreach_set(_ELEMENT[data_type], _flat(values))
+    write_attribute(mesh, name, mesh.attributes[name].data_type, all_values)
 
 
 def _read(mesh: bpy.types.Mesh, name: str) -> Float32:
-    attribute = mesh.attributes.get(name)
-    if attribute is None:
-        if len(mesh.vertices):
-            raise _changed(mesh, name)
+    if name not in mesh.attributes and not len(mesh.vertices):
         return np.zeros((0, 4 if name == "radiance:base" else 3), np.float32)
-    if attribute.data_type not in _ELEMENT or attribute.domain != "POINT":
-        raise _changed(mesh, name)
-    values = np.zeros((len(mesh.vertices), _WIDTH[attribute.data_type]), dtype=np.float32)
-    attribute.data.foreach_get(_ELEMENT[attribute.data_type], values.ravel())
+    return _known(mesh, name, *VECTORS)
+
+
+def _known(mesh: bpy.types.Mesh, name: str, *kinds: str) -> NDArray[Any]:
+    values = read_attribute(mesh, name, *kinds)
+    if values is None:
+        raise ObjectError(f"The attribute {name} of {mesh.name} was changed to another type. Import the object again.")
     return values
-
-
-def _read_numbers(mesh: bpy.types.Mesh, name: str, data_type: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Fill `values` [N] with the attribute `name`, where the mesh has it, and return them."""
-    attribute = mesh.attributes.get(name)
-    if attribute is not None:
-        if not _has_numbers(attribute, data_type):
-            raise _changed(mesh, name)
-        attribute.data.foreach_get("value", values)
-    return values
-
-
-def _has_numbers(attribute: bpy.types.Attribute, data_type: str) -> bool:
-    return bool(attribute.data_type == data_type and attribute.domain == "POINT")
-
-
-def _changed(mesh: bpy.types.Mesh, name: str) -> ObjectError:
-    return ObjectError(f"The attribute {name} of {mesh.name} was changed to another type. Import the object again.")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ...engine.formats import PlyFile, Up
 from ...engine.scene import Gaussians, unit_quats
+from ..blender.attributes import FOUR_FLOATS, read_attribute, write_attribute
 
 _PREFIX = "ply."
 _LOG_SCALE, _OPACITY, _ROTATION = f"{_PREFIX}log_scale", f"{_PREFIX}opacity_logit", f"{_PREFIX}rotation"
@@ -24,14 +25,12 @@ _LOST, _LOST_MORE = f"{_PREFIX}position_lost", f"{_PREFIX}position_lost_more"
 """The digits of a double that float32 does not hold, in two numbers of float32."""
 _HEADER_KEY = "heritage_ply_header"
 _UP_KEY = "heritage_ply_up"
-# FLOAT4 exists since Blender 5.2; before, a colour holds four floats.
-_FOUR = ("FLOAT4", "vector") if bpy.app.version >= (5, 2, 0) else ("FLOAT_COLOR", "color")
 _KINDS = {
-    _LOG_SCALE: ("FLOAT_VECTOR", "vector", 3),
-    _OPACITY: ("FLOAT", "value", 1),
-    _ROTATION: (*_FOUR, 4),
-    _LOST: ("FLOAT_VECTOR", "vector", 3),
-    _LOST_MORE: ("FLOAT_VECTOR", "vector", 3),
+    _LOG_SCALE: "FLOAT_VECTOR",
+    _OPACITY: "FLOAT",
+    _ROTATION: FOUR_FLOATS,
+    _LOST: "FLOAT_VECTOR",
+    _LOST_MORE: "FLOAT_VECTOR",
 }
 
 
@@ -65,17 +64,10 @@ def keep_file(obj: bpy.types.Object, file: PlyFile, up: Up) -> None:
         lost = file.lost.astype(np.float32)
         kept += [(_LOST, lost), (_LOST_MORE, (file.lost - lost).astype(np.float32))]
     for name, array in kept:
-        kind, element, _ = _KINDS[name]
-        _add(obj.data, name, kind, element, np.ascontiguousarray(array, np.float32))
+        write_attribute(obj.data, name, _KINDS[name], array)
     for name, array in file.extra.items():
-        whole = array.dtype.kind in "iu"
-        stored = array.astype(np.int32) if whole else array.astype(np.float32)
-        _add(obj.data, _EXTRA + name, "INT" if whole else "FLOAT", "value", stored)
+        write_attribute(obj.data, _EXTRA + name, "INT" if array.dtype.kind in "iu" else "FLOAT", array)
     obj[_HEADER_KEY], obj[_UP_KEY] = "\n".join(file.header), up
-
-
-def _add(mesh: bpy.types.Mesh, name: str, kind: str, element: str, values: NDArray[Any]) -> None:
-    mesh.attributes.new(name, kind, "POINT").data.foreach_set(element, values.ravel())
 
 
 def with_stored_values(
@@ -88,7 +80,7 @@ def with_stored_values(
     log_scales, logits, quats = (_read(mesh, name) for name in (_LOG_SCALE, _OPACITY, _ROTATION))
     if log_scales is None or logits is None or quats is None:
         return gaussians
-    stored = replace(gaussians, log_scales=log_scales, opacity_logits=logits[:, 0], quats=quats)
+    stored = replace(gaussians, log_scales=log_scales, opacity_logits=logits, quats=quats)
     with np.errstate(over="ignore"):
         same_scale = (stored.scales == scales).all(axis=1, keepdims=True)
         same_opacity = stored.opacities == opacities
@@ -104,13 +96,7 @@ def with_stored_values(
 
 
 def _read(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
-    kind, element, width = _KINDS[name]
-    attribute = mesh.attributes.get(name)
-    if attribute is None or attribute.data_type != kind or attribute.domain != "POINT":
-        return None
-    values = np.empty((len(mesh.vertices), width), np.float32)
-    attribute.data.foreach_get(element, values.ravel())
-    return values
+    return read_attribute(mesh, name, _KINDS[name])
 
 
 def stored_file(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> StoredFile | None:
@@ -120,14 +106,10 @@ def stored_file(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> StoredFile | Non
         return None
     extra: dict[str, NDArray[Any]] = {}
     for attribute in mesh.attributes:
-        if (
-            attribute.name.startswith(_EXTRA)
-            and attribute.domain == "POINT"
-            and attribute.data_type in ("INT", "FLOAT")
-        ):
-            values = np.empty(len(mesh.vertices), np.int32 if attribute.data_type == "INT" else np.float32)
-            attribute.data.foreach_get("value", values)
-            extra[attribute.name.removeprefix(_EXTRA)] = values
+        name = attribute.name
+        values = read_attribute(mesh, name, "INT", "FLOAT") if name.startswith(_EXTRA) else None
+        if values is not None:
+            extra[name.removeprefix(_EXTRA)] = values
     return StoredFile(tuple(header.split("\n")) if header else (), cast(Up, up), extra, _lost(mesh))
 
 
@@ -142,4 +124,4 @@ def forget_lost_digits(mesh: bpy.types.Mesh, rows: NDArray[np.intp]) -> None:
         values = _read(mesh, name)
         if values is not None:
             values[rows] = 0
-            mesh.attributes[name].data.foreach_set("vector", values.ravel())
+            write_attribute(mesh, name, _KINDS[name], values)
