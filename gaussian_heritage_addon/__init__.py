@@ -1,7 +1,7 @@
 """The add-on in Blender: engine jobs, splat objects, panels and preferences."""
 
 from .blender import guards, problems
-from .jobs import job_runner, preset_times
+from .jobs import job_runner, preset_times, scene_question
 from .language import translations
 from .panels import (
     by_hand_panel,
@@ -21,7 +21,7 @@ _WITH_CLASSES = (
     display_panel, progress_panel, curve_panel,
 )  # fmt: skip
 _WITH_MORE = (
-    properties, object_state, display_settings, job_runner, preset_times, solid_mode, open_projects, following,
+    properties, object_state, display_settings, job_runner, preset_times, scene_question, solid_mode, open_projects, following,
     project_history, edited_splats, splat_view, view_selection, ruler_view,
 )  # fmt: skip
 

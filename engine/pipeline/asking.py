@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,39 +12,13 @@ from ..core.files import path_within
 from ..objects.settings import SegmentSettings
 from ..project.folder import ProjectFolder
 from ..project.own_words import OwnWords
+from ..project.scene_questions import Answers, Found
 from .runner import BEGUN
 
 if TYPE_CHECKING:
     from ..objects import DetectorFactory, SamFactory
 
 _STAGE = "training"
-
-
-@dataclass(frozen=True)
-class Answers:
-    """What the scene so far answers.
-
-    Attributes
-    ----------
-    step : int
-        Finished steps of the training.
-    found : tuple of Found
-    refused : dict of str to str
-        Reason by text.
-    """
-
-    step: int
-    found: tuple[Found, ...]
-    refused: dict[str, str]
-
-
-@dataclass(frozen=True)
-class Found:
-    """A thing that a text names: its photo, and what the photo shows of it, in a picture with darkened surroundings."""
-
-    text: str
-    photo: str
-    picture: Path
 
 
 def ask_preview(
@@ -123,8 +96,8 @@ def _run_of(project: ProjectFolder) -> Path:
     begun = project.get(BEGUN)
     if not (isinstance(begun, list) and len(begun) == 2 and begun[0] == _STAGE):
         raise ProjectError(
-            f"{project.path} is not being trained. Words can be asked while it is, and with `segment` afterwards."
+            f"{project.path} is not being trained. Words can be asked while it is; afterwards, isolate its objects."
         )
     if project.stage_is_done(_STAGE, begun[1]):
-        raise ProjectError(f"The scene in {project.path} is trained. Isolate its objects with `segment`.")
+        raise ProjectError(f"The scene in {project.path} is trained now. Isolate its objects instead of asking.")
     return path_within(project.path, "checkpoints", str(begun[1])[:12])

@@ -15,6 +15,7 @@ from ..language.translations import translated
 from ..project.curve import Point
 from ..project.pictures import curve_icon, picture_icon
 from ..project.planned_device import planned_device
+from .question_box import draw_asking
 
 _METRICS = {
     "registered_photos": pgettext_n("Photos with a camera: {:.0f}"),
@@ -74,6 +75,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState, *, bar: bool
         draw_text(box, state.error, icon="ERROR", n_boxes=1)
     else:
         draw_text(box, state.message or "Done.", icon="CHECKMARK", n_boxes=1)
+    draw_asking(box, Path(job.subject))
     for warning in state.warnings[-3:]:
         draw_text(box, warning, icon="INFO", n_boxes=1)
     draw_curve(box, job.subject, state.curve)

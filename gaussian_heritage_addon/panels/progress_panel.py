@@ -9,11 +9,12 @@ import bpy
 from ...engine.workers.jobs import Job, JobState
 from ..blender import problems
 from ..blender.drawn_text import draw_text
-from ..jobs import job_runner
+from ..jobs import job_runner, scene_question
 from ..jobs.job_names import job_name
 from ..jobs.results import PROJECT_KINDS
 from ..language.translations import translated
 from .job_box import draw_job
+from .question_box import draw_question
 from .set_up_box import SET_UP_KINDS
 from .sidebar import SidebarPanel
 
@@ -30,7 +31,7 @@ class HERITAGE_PT_progress(SidebarPanel):
         """Return whether there is anything to tell about jobs."""
         scene = context.scene
         jobs = (_shown_job() is not None, job_runner.waiting(), job_runner.stopped(scene), job_runner.undecided())
-        return any(jobs) or bool(problems_of(scene))
+        return any(jobs) or scene_question.shown() is not None or bool(problems_of(scene))
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
@@ -44,6 +45,10 @@ class HERITAGE_PT_progress(SidebarPanel):
         if shown is not None:
             # The bar stands in the first row of the tab.
             draw_job(self.layout, *shown, bar=False)
+        question = scene_question.shown()
+        if question is not None and (shown is None or Path(shown[0].subject) != question.project):
+            # Its job was stopped, or another one is shown.
+            draw_question(self.layout.box(), question)
         for number, one in enumerate(job_runner.waiting()):
             row = self.layout.row(align=True)
             name = job_name(one.kind, one.subject, one.command)

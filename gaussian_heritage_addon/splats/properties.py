@@ -321,6 +321,13 @@ class HeritageScene(bpy.types.PropertyGroup):
             description="Objects to isolate, in English words; separate several with commas (vase, teapot)",
         ),
     ]
+    question: Annotated[
+        str,
+        StringProperty(
+            name="Question",
+            description="Things to look for in the scene so far, in English words; separate several with commas",
+        ),
+    ]
     known_distance: Annotated[
         float,
         FloatProperty(

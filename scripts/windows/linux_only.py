@@ -33,6 +33,7 @@ IN_BLENDER = {
         "addon/test_job_order.py",
         "addon/test_job_runner.py",
         "addon/test_presets.py",
+        "addon/test_scene_question.py",
         "addon/test_set_up.py",
         "addon/test_stopped_jobs.py",
     ),

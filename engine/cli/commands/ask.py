@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 
 from ...core.errors import PromptError, SettingsError
@@ -45,8 +44,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         raise PromptError(" ".join(answers.refused.values()))
     for reason in answers.refused.values():
         emit(Warned(reason))
-    seen = [{**asdict(one), "picture": str(one.picture)} for one in answers.found]
     named = "; ".join(f"{one.text} in {one.photo} ({one.picture})" for one in answers.found)
     message = f"After step {answers.step} of the training, the scene shows: {named}."
-    emit(Finished(message, {"step": answers.step, "found": seen, "refused": answers.refused}))
+    emit(Finished(message, answers.outputs()))
     return 0

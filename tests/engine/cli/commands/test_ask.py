@@ -79,7 +79,7 @@ def test_scene_without_a_shape_one_that_is_trained_and_one_that_nobody_trains_ar
         assert "leads out of the folder" in call(capsys, *asked).error
         project.put("begun", ["training", KEY])
         project.finish_stage("training", KEY, wall_seconds=1.0, cpu_seconds=1.0, figures={})
-        assert "is trained. Isolate its objects with `segment`" in call(capsys, *asked).error
+        assert "is trained now. Isolate its objects" in call(capsys, *asked).error
     assert not (tmp_path / "answers").exists()
 
 
