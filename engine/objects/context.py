@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from ..core.arrays import Float32, Int32, Mask
 from ..core.errors import Cancelled, EnvironmentProblem, FormatError
 from ..core.events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
+from ..core.label_runs import LabelRuns
 from ..core.parts import part
 from ..pictures import Scene
 from ..project.folder import ProjectFolder
@@ -27,6 +29,9 @@ from .views import Views
 
 if TYPE_CHECKING:
     from .grounding import Detector
+
+_KEPT_BYTES = 64 << 20
+"""Largest memory of the label maps that are kept."""
 
 DetectorFactory = Callable[[], "Detector"]
 
@@ -229,7 +234,10 @@ def photo_folder_of(project: ProjectFolder) -> Path:
 
 
 def label_maps_of(project: Path, cameras: CameraSet) -> Mapping[str, Int32]:
-    """Return the SAM label maps that were made for training, by photo, each read at its first use."""
+    """Return the SAM label maps that were made for training, by photo, each read when it is used.
+
+    Those used last are kept, as runs of equal labels, in at most `_KEPT_BYTES` of memory.
+    """
     from ..masks import label_map_path
 
     files = {camera.photo: label_map_path(project / "masks", camera.photo) for camera in cameras.cameras}
@@ -237,17 +245,28 @@ def label_maps_of(project: Path, cameras: CameraSet) -> Mapping[str, Int32]:
 
 
 class _LabelMaps(Mapping[str, Int32]):
-    """The label maps in files by photo."""
+    """The label maps in files by photo. Used by one thread."""
 
     def __init__(self, files: Mapping[str, Path]) -> None:
-        self._files, self._read = files, dict[str, Int32]()
+        self._files, self._kept = files, OrderedDict[str, LabelRuns]()
 
     def __getitem__(self, photo: str) -> Int32:
         from ..masks import read_label_map
 
-        if photo not in self._read:
-            self._read[photo] = read_label_map(self._files[photo])
-        return self._read[photo]
+        runs = self._kept.pop(photo, None)
+        if runs is not None:
+            self._kept[photo] = runs
+            return runs.array()
+        labels = read_label_map(self._files[photo])
+        self._kept[photo] = LabelRuns.of(labels)
+        while self.n_bytes > _KEPT_BYTES:
+            self._kept.popitem(last=False)
+        return labels
+
+    @property
+    def n_bytes(self) -> int:
+        """Bytes of memory of what is kept."""
+        return sum(one.nbytes for one in self._kept.values())
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._files)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +13,7 @@ import numpy as np
 from ..cameras import covering_pinhole, distort, is_point_visible, undistort
 from ..core.arrays import Float32, Floats, Int32, Mask, normalized
 from ..core.errors import ObjectError
-from ..pictures import Rendered, Scene
+from ..pictures import Scene
 from ..pictures.settings import VISIBLE_SHARE
 from ..scene import Camera, CameraSet, PinholeCamera
 
@@ -30,6 +31,10 @@ MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 
 OUTER = 0.05
 """Share of the Gaussians of a set, at each end of an axis, that its box leaves out."""
+
+
+_N_KEPT = 32
+"""Views that are kept, more than one prompt looks at. One takes up to 15 MB when its features were read."""
 
 
 @dataclass(frozen=True)
@@ -52,19 +57,21 @@ class View:
     within: Mask
     scene: Scene
 
-    @cached_property
+    @property
     def features(self) -> Float32:
         """Features at unit length, [h, w, D]."""
-        return normalized(self._rendered.channels)
+        return self._seen[0]
 
-    @cached_property
+    @property
     def covered(self) -> Mask:
         """Pixels of `within` of which Gaussians cover more than half, [h, w]."""
-        return np.asarray((self._rendered.alpha > _COVERED_ALPHA) & self.within)
+        return self._seen[1]
 
     @cached_property
-    def _rendered(self) -> Rendered:
-        return self.scene.render(self.frame, channels=self.scene.gaussians.features)
+    def _seen(self) -> tuple[Float32, Mask]:
+        """`features` and `covered`. The rendered channels, which take as much memory, are not kept."""
+        rendered = self.scene.render(self.frame, channels=self.scene.gaussians.features)
+        return normalized(rendered.channels), np.asarray((rendered.alpha > _COVERED_ALPHA) & self.within)
 
     def from_photo(self, mask: Mask) -> Mask:
         """Return a mask of the photo, bool at any resolution, in the frame, [h, w]."""
@@ -81,7 +88,7 @@ class View:
 
 @dataclass
 class Views:
-    """Views of one scene, each made at its first use.
+    """Views of one scene, each made when it is used; the `_N_KEPT` used last are kept.
 
     Attributes
     ----------
@@ -99,7 +106,7 @@ class Views:
     scene: Scene
     cameras: CameraSet
     render_side: int
-    _views: dict[str, View] = field(default_factory=dict, repr=False)
+    _views: OrderedDict[str, View] = field(default_factory=OrderedDict, repr=False)
 
     def __post_init__(self) -> None:
         if self.scene.gaussians.features is None:
@@ -127,12 +134,16 @@ class Views:
 
     def of(self, camera: Camera) -> View:
         """Return the view of a photo."""
-        if camera.photo not in self._views:
+        view = self._views.pop(camera.photo, None)
+        if view is None:
             frame = covering_pinhole(camera, max_side=self.render_side)
             photo = np.ones((frame.height, frame.width), np.uint8)
             within = np.asarray(undistort(photo, camera, frame, interpolation="nearest")) > 0
-            self._views[camera.photo] = View(camera, frame, within, self.scene)
-        return self._views[camera.photo]
+            view = View(camera, frame, within, self.scene)
+        self._views[camera.photo] = view
+        while len(self._views) > _N_KEPT:
+            self._views.popitem(last=False)
+        return view
 
     def from_anywhere(self, camera: Camera | PinholeCamera) -> View:
         """Return the view of a camera that need not be that of a photo; its `View.camera` is then called ``""``."""

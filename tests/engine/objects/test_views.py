@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from engine.core.errors import SettingsError
+from engine.objects import views as views_module
 from engine.objects.settings import DEFAULT_PRESET, PAPER, PRESETS, SegmentSettings
 from engine.objects.views import Views, erode_mask, spread_cameras
 from engine.pictures.scene import Scene
@@ -42,3 +45,28 @@ def test_unit_of_lengths_is_how_far_the_cameras_are_from_the_scene(n_cameras: in
     views = Views(Scene(blobs.gaussians), replace(blobs.cameras, cameras=cameras), render_side=160)
     distances = [np.linalg.norm(camera.center - np.median(blobs.gaussians.means, axis=0)) for camera in cameras]
     assert views.length_unit == pytest.approx(np.median(distances), rel=1e-5)
+
+
+def test_views_of_any_number_of_photos_keep_the_features_of_few(
+    blobs: BlobScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(views_module, "_N_KEPT", 3)
+    views = Views(Scene(blobs.gaussians), blobs.cameras, render_side=40)
+    cameras = blobs.cameras.cameras[:6]
+    features = []
+    for camera in cameras:
+        view = views.of(camera)
+        assert views.of(camera) is view
+        features.append(weakref.ref(view.features))
+    del view
+    gc.collect()
+    # The scene keeps sorted Gaussians, not what was rendered of them.
+    assert [one() is not None for one in features] == [False, False, False, True, True, True]
+
+
+def test_view_keeps_no_more_than_its_features(blobs: BlobScene) -> None:
+    view = Views(Scene(blobs.gaussians), blobs.cameras, render_side=40).of(blobs.cameras.cameras[0])
+    assert view.covered.any()
+    kept = [one for value in vars(view).values() for one in (value if isinstance(value, tuple) else (value,))]
+    arrays = [one for one in kept if isinstance(one, np.ndarray)]
+    assert sum(one.nbytes for one in arrays) == view.features.nbytes + 2 * view.within.nbytes
