@@ -122,7 +122,9 @@ class GsplatStep:
         self.photo = torch.from_numpy(photo).to(DEVICE).float()[None] / 255.0
         self.photo_planes = self.photo.permute(0, 3, 1, 2).contiguous()
         labelled = segments()
-        self.pixels, self.clusters = (torch.from_numpy(a).to(DEVICE).long() for a in (labelled.index, labelled.cluster))
+        self.pixels, self.clusters = (
+            torch.from_numpy(a).to(DEVICE).long() for a in labelled.at(np.arange(len(labelled)))
+        )
         self.counts = labelled.counts.to(DEVICE)
         # Which Gaussians are near does not change the time, nor does the search for them, which is timed apart.
         self.neighbours = torch.randint(n, (n, N_NEIGHBOURS), device=DEVICE)

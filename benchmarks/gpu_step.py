@@ -89,10 +89,8 @@ def measure(n: int, case: str) -> dict[str, float]:
         clustering = regulariser = None
         if neighbours is not None and step % interval == 0:
             generator = torch.Generator().manual_seed(step)
-            drawn, weight = drawn_pixels(labelled, SETTINGS.features.clustering_pixels, generator)
-            clustering = ClusteringSample(
-                labelled.index[drawn], labelled.cluster[drawn], labelled.counts.numpy(), 1e-6 * weight
-            )
+            index, cluster, weight = drawn_pixels(labelled, SETTINGS.features.clustering_pixels, generator)
+            clustering = ClusteringSample(index, cluster, labelled.counts.numpy(), 1e-6 * weight)
             if step % (2 * interval) == 0 or interval == 1:
                 anchors, tries = drawn_anchors(n, generator)
                 regulariser = NeighbourSample(anchors.numpy(), neighbours[anchors].numpy(), tries.numpy(), N_FAR, 1.0)

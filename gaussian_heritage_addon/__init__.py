@@ -21,8 +21,8 @@ _WITH_CLASSES = (
     display_panel, progress_panel, curve_panel,
 )  # fmt: skip
 _WITH_MORE = (
-    properties, object_state, display_settings, job_runner, preset_times, scene_question, solid_mode, open_projects, following,
-    project_history, edited_splats, splat_view, view_selection, ruler_view,
+    properties, object_state, display_settings, job_runner, preset_times, scene_question, solid_mode, open_projects,
+    following, project_history, edited_splats, splat_view, view_selection, ruler_view,
 )  # fmt: skip
 
 

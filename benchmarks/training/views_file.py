@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from engine.core.files import ArraySpec, atomic_write, read_arrays
+from engine.core.label_runs import LabelRuns
 from engine.scene import CameraSet, PinholeCamera
 from engine.training.views import TrainingView
 
@@ -40,7 +41,8 @@ def write_views(file: Path, cameras: CameraSet, views: list[TrainingView]) -> No
     views : list of TrainingView
     """
     pictures = []
-    labels = {f"labels.{i}": view.labels.astype(np.uint16) for i, view in enumerate(views) if view.labels is not None}
+    segments = {i: view.labels.array() for i, view in enumerate(views) if view.labels is not None}
+    labels = {f"labels.{i}": one.astype(np.uint16) for i, one in segments.items()}
     masks = {f"valid.{i}": view.valid for i, view in enumerate(views) if view.valid is not None}
     for view in views:
         stream = io.BytesIO()
@@ -76,7 +78,7 @@ def read_views(file: Path) -> tuple[CameraSet, list[TrainingView]]:
     for i, end in enumerate(arrays["picture_ends"]):
         pixels = np.array(Image.open(io.BytesIO(arrays["pictures"][begin:end].tobytes())))
         pinhole = PinholeCamera(arrays["viewmats"][i], arrays["intrinsics"][i], pixels.shape[1], pixels.shape[0])
-        labels = arrays[f"labels.{i}"].astype(np.int32) if f"labels.{i}" in arrays else None
+        labels = LabelRuns.of(arrays[f"labels.{i}"].astype(np.int32)) if f"labels.{i}" in arrays else None
         name, held_out = str(arrays["photos"][i]), bool(arrays["held_out"][i])
         views.append(TrainingView(name, pinhole, pixels, labels, held_out, arrays.get(f"valid.{i}")))
         begin = end

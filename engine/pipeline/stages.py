@@ -353,6 +353,7 @@ def training_stage(
                 given.label_maps,
                 settings,
                 photo_masks=given.photo_set.mask_files,
+                scratch=checkpoints,
                 should_stop=runner.should_stop,
             )
         with part("first Gaussians"):

@@ -170,7 +170,8 @@ def run_key(start: Gaussians, views: Sequence[TrainingView], settings: TrainingS
             digest.update(np.ascontiguousarray(array).tobytes())
     for view in views:
         digest.update(f"{view.photo}|{view.held_out}|".encode())
-        parts: tuple[NDArray[Any] | None, ...] = (view.pixels, view.labels, view.pinhole.K, view.pinhole.viewmat)
+        labels = None if view.labels is None else view.labels.array()
+        parts: tuple[NDArray[Any] | None, ...] = (view.pixels, labels, view.pinhole.K, view.pinhole.viewmat)
         if view.valid is not None:
             parts += (view.valid,)
         for part in parts:

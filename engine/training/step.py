@@ -176,8 +176,8 @@ def _regulariser(state: RunState, generator: torch.Generator, settings: FeatureS
 def _clustering_sample(
     labelled: LabelledPixels, weight: float, features: FeatureSettings, generator: torch.Generator
 ) -> ClusteringSample:
-    drawn, times = drawn_pixels(labelled, features.clustering_pixels, generator)
-    return ClusteringSample(labelled.index[drawn], labelled.cluster[drawn], labelled.counts.numpy(), weight * times)
+    index, cluster, times = drawn_pixels(labelled, features.clustering_pixels, generator)
+    return ClusteringSample(index, cluster, labelled.counts.numpy(), weight * times)
 
 
 def _regulariser_sample(

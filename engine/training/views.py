@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from ..core.errors import TrainingError
 from ..core.events import StopCheck, never_stop
+from ..core.files import ScratchFile
+from ..core.label_runs import LabelRuns
 from ..scene import Camera, CameraSet, PinholeCamera
 from .losses import LabelledPixels, Target, labelled_pixels
 from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
@@ -26,6 +28,13 @@ MAX_TARGET_BYTES = 1 << 30
 """Largest memory of all prepared targets, bytes. Beyond it they are prepared in each step."""
 
 
+_NO_PIXELS = np.zeros((0, 0, 3), np.uint8)
+"""In place of pixels that lie in a file."""
+
+MAX_PIXEL_BYTES = 1 << 30
+"""Largest memory of the pictures of all photos, bytes. Beyond it they lie in a file that is mapped into memory."""
+
+
 @dataclass(frozen=True)
 class TrainingView:
     """One photo as training sees it.
@@ -38,7 +47,7 @@ class TrainingView:
         Camera of `pixels`.
     pixels : array of shape [h, w, 3], uint8, sRGB
         The undistorted photo, without blank border.
-    labels : array of shape [h, w], int32, or None
+    labels : LabelRuns or None
         Segments of the same pixels, 0 for none; None where the photo has no label map.
     held_out : bool
         Whether the photo is a test photo: measured and never trained on, and nothing is decided on it.
@@ -49,7 +58,7 @@ class TrainingView:
     photo: str
     pinhole: PinholeCamera
     pixels: NDArray[np.uint8]
-    labels: NDArray[np.int32] | None
+    labels: LabelRuns | None
     held_out: bool
     valid: NDArray[np.bool_] | None = None
 
@@ -66,6 +75,7 @@ def load_views(
     settings: TrainingSettings,
     *,
     photo_masks: Mapping[str, Path] | None = None,
+    scratch: Path | None = None,
     should_stop: StopCheck = never_stop,
 ) -> list[TrainingView]:
     """Return the training views of all registered photos: undistorted, at most ``max_side`` wide and high.
@@ -80,6 +90,8 @@ def load_views(
         Files of the label maps by photo name. Photos without one are trained on without labels.
     photo_masks : mapping of str to Path, optional
         Files of the masks of valid pixels by photo name, see `photos.photo_masks`.
+    scratch : Path, optional
+        Folder for a temporary file of pictures that take more than `MAX_PIXEL_BYTES`; None keeps them in memory.
     should_stop : StopCheck
         Called before each photo.
 
@@ -96,21 +108,45 @@ def load_views(
         When a photo or mask is missing, or their sizes differ.
     TrainingError
         When the aspect ratios of a photo and its camera differ, or no pixel is valid.
+    DiskError
+        When there is no room for the file in `scratch`.
     """
-    from ..cameras import training_pinhole, undistort
+    from ..cameras import training_pinhole
+
+    pinholes = [training_pinhole(camera, max_side=settings.schedule.max_side) for camera in camera_set.cameras]
+    loaded = _each_view(photo_folder, camera_set, pinholes, masks, settings, photo_masks or {}, should_stop)
+    if scratch is None or sum(3 * pinhole.width * pinhole.height for pinhole in pinholes) <= MAX_PIXEL_BYTES:
+        return list(loaded)
+    views = []
+    with ScratchFile(scratch) as file:
+        for view in loaded:
+            file.add(view.pixels)
+            views.append(replace(view, pixels=_NO_PIXELS))
+        return [replace(view, pixels=pixels) for view, pixels in zip(views, file.arrays(), strict=True)]
+
+
+def _each_view(
+    photo_folder: Path,
+    camera_set: CameraSet,
+    pinholes: Sequence[PinholeCamera],
+    masks: Mapping[str, Path],
+    settings: TrainingSettings,
+    photo_masks: Mapping[str, Path],
+    should_stop: StopCheck,
+) -> Iterator[TrainingView]:
+    """Yield the views of `load_views`, each read when it is asked for."""
+    from ..cameras import undistort
     from ..core.errors import Cancelled
     from ..masks import read_label_map
     from ..photos import load_with_valid
 
-    views = []
-    for index, camera in enumerate(camera_set.cameras):
+    for index, (camera, pinhole) in enumerate(zip(camera_set.cameras, pinholes, strict=True)):
         if should_stop():
             raise Cancelled("Stopped while the photos were loaded for training.")
-        pinhole = training_pinhole(camera, max_side=settings.schedule.max_side)
         # Resampling needs no more than twice the target size. A photo of 48 megapixels would cost half a second.
         source, source_valid = load_with_valid(
             photo_folder / camera.photo,
-            (photo_masks or {}).get(camera.photo),
+            photo_masks.get(camera.photo),
             max_side=2 * max(pinhole.width, pinhole.height),
             # The background that is rendered.
             over_black=True,
@@ -123,11 +159,10 @@ def load_views(
             valid = undistort(source_valid.astype(np.float32), camera, pinhole, interpolation="linear") > 1.0 - 1e-4
         labels = None
         if settings.features.train_features and camera.photo in masks:
-            labels = undistort(read_label_map(masks[camera.photo]), camera, pinhole, interpolation="nearest")
-            labels = labels if valid is None else np.where(valid, labels, 0).astype(np.int32)
+            segments = undistort(read_label_map(masks[camera.photo]), camera, pinhole, interpolation="nearest")
+            labels = LabelRuns.of(segments if valid is None else np.where(valid, segments, 0).astype(np.int32))
         held_out = is_held_out(index, settings.measurement.held_out_every)
-        views.append(TrainingView(camera.photo, pinhole, pixels, labels, held_out, valid))
-    return views
+        yield TrainingView(camera.photo, pinhole, pixels, labels, held_out, valid)
 
 
 def _check_size(view: TrainingView) -> None:
@@ -251,12 +286,16 @@ def _without_pixels(view: TrainingView, mask: NDArray[np.bool_] | None) -> Train
     height, width = view.pixels.shape[:2]
     excluded = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
     valid = ~excluded if view.valid is None else view.valid & ~excluded
-    labels = None if view.labels is None else np.where(valid, view.labels, 0).astype(np.int32)
+    labels = None
+    if view.labels is not None:
+        labels = LabelRuns.of(np.where(valid, view.labels.array(), 0).astype(np.int32))
     return replace(view, valid=valid, labels=labels)
 
 
 def _make_level(view: TrainingView, reductions: int, settings: FeatureSettings, *, keep_target: bool) -> Level:
-    pinhole, pixels, labels, valid = view.pinhole, view.pixels, view.labels, view.valid
+    pinhole, pixels, valid = view.pinhole, view.pixels, view.valid
+    is_labelled = view.labels is not None and settings.train_features and not view.held_out
+    labels = view.labels.array() if view.labels is not None and is_labelled else None
     if reductions:
         width, height = (max(8, round(side * 2.0 ** (-reductions / 2))) for side in (pinhole.width, pinhole.height))
         pinhole = pinhole.resized(width, height)
@@ -269,7 +308,7 @@ def _make_level(view: TrainingView, reductions: int, settings: FeatureSettings, 
             # pixels with the largest valid share are.
             valid = np.asarray(share >= min(1.0 - 1e-4, float(share.max())))
     labelled = None
-    if labels is not None and settings.train_features and not view.held_out:
+    if labels is not None:
         min_pixels = max(8, round(_MIN_SEGMENT_PIXELS * labels.size / PAPER_PIXELS))
         labelled = labelled_pixels(labels, min_pixels=min_pixels)
     pixels = np.ascontiguousarray(pixels)

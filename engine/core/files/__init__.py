@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .remembered import read_after_change, stamp_of
     from .replacing import finish_replacements, replace_together
     from .schema import Schema, check, optional
+    from .scratch import ScratchFile
     from .sizes import bytes_of
     from .stored_package import StoredPackage, opened_package, write_zip
     from .versions import read_versioned

@@ -160,5 +160,6 @@ def _feature_agreement(
     files = {
         name: label_map_path(project.path / "masks", name) for name in training.get("held_out") or () if name in cameras
     }
-    views = [(cameras[name], read_label_map(file)) for name, file in files.items() if file.is_file()]
+    # One at a time: with segments for all photos there may be hundreds.
+    views = ((cameras[name], read_label_map(file)) for name, file in files.items() if file.is_file())
     return measure_feature_agreement(gaussians, views, backend=backend)

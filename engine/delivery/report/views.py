@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -202,7 +202,7 @@ def orbit_pictures(
 
 def measure_feature_agreement(
     gaussians: Gaussians,
-    views: Sequence[tuple[Camera, NDArray[np.int32]]],
+    views: Iterable[tuple[Camera, NDArray[np.int32]]],
     *,
     backend: Backend = "cpu",
 ) -> dict[str, float] | None:
@@ -210,7 +210,7 @@ def measure_feature_agreement(
 
     Parameters
     ----------
-    views : sequence of (Camera, int32 array of shape [h, w])
+    views : iterable of (Camera, int32 array of shape [h, w])
         Test photos with their label maps.
     backend : {"cpu", "gpu", "reference"}
 

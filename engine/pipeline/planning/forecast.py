@@ -310,8 +310,9 @@ def memory_of(
     numbers = 11 + 3 * (work.sh_degree + 1) ** 2 + 16 * work.features
     blended = _GAUSSIAN_FEATURE_BYTES if work.features and not on_card else 0
     gaussians = settings.growth.max_gaussians * (_GAUSSIAN_NUMBER_BYTES * numbers + blended)
-    # Photos, labels with their index, and the rendered picture with its channels and gradients.
-    photos = pixels * (3 * work.n_photos + 12 * work.n_mask_photos)
+    # Photos (where they take more than 1 GiB, in a file whose pages the system takes back), runs of segments, and the
+    # rendered picture with its channels and gradients.
+    photos = pixels * (3 * work.n_photos + work.n_mask_photos)
     training = python + photos + gaussians + pixels * (60 + 16 * channels)
     if on_card:
         training += _DRIVER_BYTES + (work.device.n_bytes if work.device.shares_memory else 0)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ...core.label_runs import LabelRuns
 from ...rasterizer.gpu import Frame, Submissions, with_room
 from ...scene import PinholeCamera
 from .samples import Sample
@@ -21,24 +22,32 @@ _SAMPLES = 64
 
 @dataclass(frozen=True)
 class LabelledPixels:
-    """The pixels of one picture that lie in segments of enough pixels.
+    """The P pixels of one picture that lie in segments of enough pixels, row by row, as R runs within one segment.
 
     Attributes
     ----------
-    index : array of shape [P], int32
-        Number of each pixel, row by row.
-    cluster : array of shape [P], int32
-        Segment of each pixel, 0 to n_p - 1.
+    ends : array of shape [R], int32
+        Labelled pixels up to the end of each run.
+    offset : array of shape [R], int32
+        Pixels without label before the end of each run.
+    cluster : array of shape [R], int32
+        Segment of each run, 0 to n_p - 1.
     counts : tensor of shape [n_p], float32
         Number of pixels of each segment.
     """
 
-    index: NDArray[np.int32]
+    ends: NDArray[np.int32]
+    offset: NDArray[np.int32]
     cluster: NDArray[np.int32]
     counts: torch.Tensor
 
     def __len__(self) -> int:
-        return len(self.index)
+        return int(self.ends[-1])
+
+    def at(self, numbers: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Return the pixel, counted row by row in the picture, and the segment of each number, 0 to P - 1."""
+        run = np.searchsorted(self.ends, numbers, side="right")
+        return self.offset[run] + numbers.astype(np.int32), self.cluster[run]
 
 
 def labelled_pixels(labels: NDArray[np.int32], *, min_pixels: int) -> LabelledPixels | None:
@@ -46,17 +55,19 @@ def labelled_pixels(labels: NDArray[np.int32], *, min_pixels: int) -> LabelledPi
 
     A contrastive loss on one segment is constant.
     """
-    flat = np.maximum(labels.ravel(), 0)
-    counts = np.bincount(flat)
+    runs = LabelRuns.of(np.maximum(labels, 0))
+    lengths = np.diff(runs.ends, prepend=0)
+    counts = np.bincount(runs.labels, weights=lengths).astype(np.int64)
     kept = counts > min_pixels
     kept[0] = False
     if kept.sum() < 2:
         return None
-    renumbered = np.where(kept, np.cumsum(kept) - 1, -1)[flat]
-    index = np.flatnonzero(renumbered >= 0)
+    is_kept = kept[runs.labels]
+    ends = np.cumsum(lengths[is_kept])
     return LabelledPixels(
-        index.astype(np.int32),
-        renumbered[index].astype(np.int32),
+        ends.astype(np.int32),
+        (runs.ends[is_kept] - ends).astype(np.int32),
+        (np.cumsum(kept) - 1)[runs.labels[is_kept]].astype(np.int32),
         torch.from_numpy(counts[kept].astype(np.float32)),
     )
 
@@ -97,9 +108,9 @@ def clustering_loss(
     ----------
     Dahaghin et al. 2024, the contrastive clustering loss; Silva et al. 2024 (arXiv 2404.12784).
     """
-    drawn, weight = drawn_pixels(labelled, n_samples, generator)
-    index, cluster = torch.from_numpy(labelled.index)[drawn], torch.from_numpy(labelled.cluster)[drawn].long()
-    f = features.reshape(-1, features.shape[-1])[index.long()]
+    drawn, segments, weight = drawn_pixels(labelled, n_samples, generator)
+    index, cluster = torch.from_numpy(drawn).long(), torch.from_numpy(segments).long()
+    f = features.reshape(-1, features.shape[-1])[index]
     f = f / (f.norm(dim=1, keepdim=True) + 1e-9)
     n_clusters = len(labelled.counts)
     one_hot_sum = torch.zeros(n_clusters, f.shape[1], dtype=f.dtype).index_add(0, cluster, f)
@@ -114,11 +125,12 @@ def clustering_loss(
 
 def drawn_pixels(
     labelled: LabelledPixels, n_samples: int, generator: torch.Generator | None
-) -> tuple[torch.Tensor | slice, float]:
-    """Return which labelled pixels are drawn, all of them for 0, and the weight of each."""
+) -> tuple[NDArray[np.int32], NDArray[np.int32], float]:
+    """Return pixels and segments of the labelled pixels that are drawn, all of them for 0, and the weight of each."""
     if not 0 < n_samples < len(labelled):
-        return slice(None), 1.0
-    return torch.randint(len(labelled), (n_samples,), generator=generator), len(labelled) / n_samples
+        return *labelled.at(np.arange(len(labelled))), 1.0
+    numbers = torch.randint(len(labelled), (n_samples,), generator=generator).numpy()
+    return *labelled.at(numbers), len(labelled) / n_samples
 
 
 def _temperatures(

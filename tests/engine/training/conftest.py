@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from engine.core.events import ignore_events, never_stop
+from engine.core.label_runs import LabelRuns
 from engine.rasterizer.api import rasterize
 from engine.scene.camera import PinholeCamera
 from engine.scene.gaussians import Gaussians
@@ -115,7 +116,7 @@ def make_scene(n_views: int = N_VIEWS) -> Scene:
     for index in range(n_views):
         camera = camera_at(2 * np.pi * index / n_views)
         pixels, labels = photograph(truth, part, camera)
-        views.append(TrainingView(f"{index:02d}.jpg", camera, pixels, labels, is_held_out(index, 8)))
+        views.append(TrainingView(f"{index:02d}.jpg", camera, pixels, LabelRuns.of(labels), is_held_out(index, 8)))
     chosen = rng.choice(len(truth), 200, replace=False)
     start = gaussians_from_points(
         truth.means[chosen] + rng.normal(0, 0.03, (200, 3)),

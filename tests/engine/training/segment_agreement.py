@@ -69,7 +69,7 @@ def segment_agreement(
         if view.labels is None:
             continue
         features, cover = _render_features(gaussians, view)
-        found = _segment_ious(features, cover, view.labels, threshold, min_pixels)
+        found = _segment_ious(features, cover, view.labels.array(), threshold, min_pixels)
         if found:
             photos[view.photo] = float(np.mean(found))
             every += found

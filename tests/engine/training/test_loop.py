@@ -17,6 +17,7 @@ from PIL import Image
 
 from engine.core.errors import Cancelled, DiskError, NumericalError, TrainingError
 from engine.core.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
+from engine.core.label_runs import LabelRuns
 from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run
 from engine.training.guards import clamp_parameters, step_finite_rows
@@ -336,7 +337,8 @@ def test_invalid_pixels_do_not_change_the_result(scene: Scene, tmp_path: Path) -
     def painted(value: int) -> Scene:
         views = []
         for view in scene.views:
-            pixels, labels = view.pixels.copy(), np.where(valid, view.labels, 0).astype(np.int32)
+            pixels = view.pixels.copy()
+            labels = LabelRuns.of(np.where(valid, view.labels.array(), 0).astype(np.int32))
             pixels[~valid] = value
             views.append(replace(view, pixels=pixels, labels=labels, valid=valid))
         return replace(scene, views=views)

@@ -10,6 +10,7 @@ import torch
 
 from engine.training.losses import (
     clustering_loss,
+    drawn_pixels,
     labelled_pixels,
     nearest_neighbours,
     neighbour_regulariser,
@@ -61,6 +62,25 @@ def test_clustering_loss_is_the_sum_of_the_formula(spread: float) -> None:
     expected = loop_clustering_loss(features.numpy(), labels, 8)
     # The loop's 1e-6 beside a sum of at least exp(-1/0.1) costs 2e-8 per pixel here.
     assert clustering_loss(features, labelled).item() == pytest.approx(expected, rel=1e-6)
+
+
+def test_labelled_pixels_are_those_of_the_picture_row_by_row_in_a_small_part_of_the_memory() -> None:
+    labels = np.kron(label_map(), np.ones((40, 40), np.int32))
+    labels[:, ::97] = 0
+    labelled = labelled_pixels(labels, min_pixels=7000)
+    assert labelled is not None
+    every = np.flatnonzero(np.isin(labels.ravel(), (1, 4, 7, 300)))
+    index, cluster = labelled.at(np.arange(len(labelled)))
+    assert len(labelled) == len(every) and np.array_equal(index, every)
+    assert np.array_equal(np.array([1, 4, 7, 300])[cluster], labels.ravel()[every])
+    assert np.array_equal(labelled.counts.numpy(), np.bincount(cluster))
+    drawn, segments, weight = drawn_pixels(labelled, 500, torch.Generator().manual_seed(5))
+    numbers = torch.randint(len(every), (500,), generator=torch.Generator().manual_seed(5)).numpy()
+    assert np.array_equal(drawn, index[numbers]) and np.array_equal(segments, cluster[numbers])
+    assert weight == len(every) / 500
+    # Numbers of pixels and segments would take 8 bytes for each pixel.
+    kept = labelled.ends.nbytes + labelled.offset.nbytes + labelled.cluster.nbytes
+    assert kept < 8 * len(every) / 15
 
 
 def test_gradient_of_the_clustering_loss_flows_through_means_but_not_temperatures() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from engine.core.errors import Cancelled
 from engine.core.events import Event, StopCheck, ignore_events, never_stop
+from engine.core.label_runs import LabelRuns
 from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import RunState, read_checkpoint
 from engine.training.loop import train
@@ -58,7 +59,7 @@ def with_noise(scene: Scene, photos: Callable[[TrainingView], bool]) -> list[Tra
         replace(
             view,
             pixels=rng.integers(0, 255, view.pixels.shape, dtype=np.uint8),
-            labels=rng.integers(0, 4, view.pixels.shape[:2], dtype=np.int32),
+            labels=LabelRuns.of(rng.integers(0, 4, view.pixels.shape[:2], dtype=np.int32)),
         )
         if photos(view)
         else view

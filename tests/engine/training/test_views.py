@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import mmap
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from engine.core.errors import Cancelled, TrainingError
+from engine.core.errors import Cancelled, DiskError, TrainingError
 from engine.masks.storage import write_label_map
 from engine.scene.camera import Camera, CameraSet
+from engine.training import views as views_module
 from engine.training.settings import PRESETS
 from engine.training.views import ViewPyramid, is_held_out, load_views, scene_extent
 
@@ -50,7 +53,8 @@ def test_pictures_and_segments_share_one_small_frame(tmp_path: Path) -> None:
         assert max(width, height) <= 60
     square = views[0].pixels[..., 0] > 127
     assert views[0].labels is not None
-    agreement = (square & (views[0].labels == 7)).sum() / (square | (views[0].labels == 7)).sum()
+    labelled = views[0].labels.array() == 7
+    agreement = (square & labelled).sum() / (square | labelled).sum()
     assert agreement > 0.85
 
 
@@ -94,7 +98,38 @@ def test_masks_and_transparency_follow_the_lens_into_the_training_pictures(tmp_p
     # The white square is what is masked; its border is mixed with black where pictures are made smaller.
     assert not views[0].pixels[views[0].valid].any()
     assert views[0].valid.mean() == pytest.approx(1 - 1600 / 9600, abs=0.06)
-    assert views[0].labels is not None and not views[0].labels[~views[0].valid].any()
+    assert views[0].labels is not None and not views[0].labels.array()[~views[0].valid].any()
+
+
+def test_pictures_of_many_photos_lie_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera_set, masks = project(tmp_path)
+    usual = load_views(tmp_path, camera_set, masks, SETTINGS, scratch=tmp_path / "scratch")
+    assert not (tmp_path / "scratch").exists()
+    monkeypatch.setattr(views_module, "MAX_PIXEL_BYTES", 3 * sum(view.pixels[..., 0].size for view in usual) - 1)
+    views = load_views(tmp_path, camera_set, masks, SETTINGS, scratch=tmp_path / "scratch")
+    assert all(np.array_equal(one.pixels, other.pixels) for one, other in zip(views, usual, strict=True))
+    # No array of pixels owns memory, nor does its full size in the pyramid: all are parts of one map of a file.
+    pyramid = ViewPyramid(views, SETTINGS.features, prepares_targets=False)
+    pictures = [one for i, view in enumerate(views) for one in (view.pixels, pyramid.level(i, 0).pixels)]
+    assert len({id(_owner(one)) for one in pictures}) == 1 and isinstance(_owner(pictures[0]), mmap.mmap)
+    # Segments are small: less than a byte for a pixel.
+    labels = [view.labels for view in views if view.labels is not None]
+    assert len(labels) == 2 and all(one.nbytes < one.array().size for one in labels)
+
+
+def _owner(array: Any) -> Any:
+    """Return what holds the memory of an array."""
+    while isinstance(array, np.ndarray | memoryview):
+        array = array.base if isinstance(array, np.ndarray) else array.obj
+    return array
+
+
+def test_full_disk_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    camera_set, masks = project(tmp_path)
+    monkeypatch.setattr(views_module, "MAX_PIXEL_BYTES", 0)
+    (tmp_path / "scratch").write_bytes(b"")
+    with pytest.raises(DiskError, match="Could not write"):
+        load_views(tmp_path, camera_set, masks, SETTINGS, scratch=tmp_path / "scratch")
 
 
 def test_a_reduced_pixel_is_valid_when_all_its_pixels_are_and_some_pixel_always_is(scene: Scene) -> None:

@@ -40,7 +40,7 @@ def sample_of(pixels: LabelledPixels, n_samples: int, seed: int) -> ClusteringSa
     if n_samples:
         drawn = torch.randint(len(pixels), (n_samples,), generator=torch.Generator().manual_seed(seed)).numpy()
     weight = WEIGHT * len(pixels) / len(drawn)
-    return ClusteringSample(pixels.index[drawn], pixels.cluster[drawn], pixels.counts.numpy(), weight)
+    return ClusteringSample(*pixels.at(drawn), pixels.counts.numpy(), weight)
 
 
 # 40 samples leave some of 12 segments without any; 2,500 draw the same pixels several times; 0 takes all pixels.

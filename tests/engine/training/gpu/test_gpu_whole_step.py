@@ -61,9 +61,7 @@ def plan(step: int, schedule: Schedule, levels: list[Level], neighbours: torch.T
         drawn = torch.randint(len(labelled), (features.clustering_pixels,), generator=generator).numpy()
         scale = PAPER_PIXELS / (VIEWS[view].width * VIEWS[view].height)
         weight = features.lambda_clustering * scale * len(labelled) / len(drawn)
-        clustering = ClusteringSample(
-            labelled.index[drawn], labelled.cluster[drawn], labelled.counts.numpy(), weight
-        )  # fmt: skip
+        clustering = ClusteringSample(*labelled.at(drawn), labelled.counts.numpy(), weight)
     if step % features.regularisation_interval == 0:
         n, generator = len(neighbours), schedule.generator(step, ANCHORS)
         anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
