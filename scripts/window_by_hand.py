@@ -12,13 +12,12 @@ RULER_COLOR = (255, 191, 51)
 _OTHER_WORDS = f"""
 import importlib
 translations = importlib.import_module({PACKAGE + ".gaussian_heritage_addon.language.translations"!r})
-for language in translations.LANGUAGES:
-    texts = translations.texts_of(language)[1]
-    for name in dir(bpy.ops.heritage):
-        kind = getattr(bpy.ops.heritage, name).get_rna_type()
-        shown = bpy.app.translations.pgettext_iface(kind.name, kind.translation_context)
-        if shown != texts.get(kind.name, shown):
-            print(kind.name, end=" ")
+texts = translations.language().texts
+for name in dir(bpy.ops.heritage):
+    kind = getattr(bpy.ops.heritage, name).get_rna_type()
+    shown = bpy.app.translations.pgettext_iface(kind.name, kind.translation_context)
+    if shown != texts.get(kind.name, shown):
+        print(kind.name, end=" ")
 """
 """Prints the labels of our operators that Blender translates otherwise: its own translations come first."""
 _REACH, _COLOR_TOLERANCE = 20, 60

@@ -119,7 +119,8 @@ def change_tools(window: Window) -> None:
 
 def say_time_of_improving(window: Window) -> None:
     """Open the dialog of *Improve* as in a new session, and wait until it says how long the training takes."""
-    times, dialog = _module("jobs.preset_times"), _module("blender.open_dialog")
+    times = _module("jobs.preset_times")
+    dialog = _module("blender.open_dialog")
     drawn = f"open({str(window.work / 'calls.jsonl')!r}).read().count('improve_scene.draw')"
     window.python(f"{times}.stop(); {times}._known.clear()")
     invoke(window, "improve_scene", preset="standard")
