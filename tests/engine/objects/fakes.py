@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -155,6 +156,14 @@ def trained_project(scene: BlobScene, folder: Path, *, features: bool = True, se
     write_camera_set(project.path / "cameras", scene.cameras)
     for photo, labels in scene.labels.items() if segments else ():
         write_label_map(label_map_path(project.path / "masks", photo), labels)
+    return project
+
+
+def copied_project(source: Path, folder: Path) -> ProjectFolder:
+    """Copy what `trained_project` wrote into the folder `source`, photos included."""
+    shutil.copytree(source, folder, dirs_exist_ok=True)
+    project = ProjectFolder.open_existing(folder / "project")
+    project.put("photo_folder", str(folder / "photos"))
     return project
 
 

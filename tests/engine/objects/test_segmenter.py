@@ -20,7 +20,9 @@ from engine.core.shares import helped_by
 from engine.core.words import split_texts
 from engine.masks import mask_iou
 from engine.objects.candidate_file import CANDIDATES, load_candidate
+from engine.objects.context import load_context
 from engine.objects.grounding.detector import PromptCheck
+from engine.objects.looks import load_or_build_looks
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt
 from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
@@ -40,15 +42,24 @@ from engine.scene.detailed import load_detailed
 from engine.training.scene_files import save_gaussians
 from tests.conftest import ROOT
 from tests.engine.core.helper_here import HelperHere
-from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
+from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, copied_project, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 SMALL = replace(BETTER, photo_side=160, render_side=160, detail_steps=3)
 
 
+@pytest.fixture(scope="module")
+def looked_at(blobs: BlobScene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a project whose graph and looks are made, as the first text makes them."""
+    folder = tmp_path_factory.mktemp("looked at")
+    project = trained_project(blobs, folder)
+    load_or_build_looks(load_context(project, SMALL, lambda: FakeDetector(blobs), lambda: FakeSam(blobs)))  # type: ignore[arg-type, return-value]
+    return folder
+
+
 @pytest.fixture
-def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
-    return trained_project(blobs, tmp_path)
+def project(looked_at: Path, tmp_path: Path) -> ProjectFolder:
+    return copied_project(looked_at, tmp_path)
 
 
 def point(scene: BlobScene, part: int, photo: str) -> Point:
@@ -184,6 +195,7 @@ def test_misspelt_text_is_answered_at_once_and_by_pictures_only_where_the_scene_
             segmenter_of(project, blobs, SMALL, detector_factory=lambda: Misspelt(blobs)).segment_texts(["bal"], None)
         return stored(project)["candidates"]
 
+    shutil.rmtree(project.path / "groups")
     assert ask() == [] and not (project.path / "groups").exists()
     segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], None)
     assert {RED, TWIN, BLUE} <= set(parts_shown(blobs, ask())), "the word may be right, and none of the vocabulary's"
