@@ -18,6 +18,13 @@ from distributed import Client
 
 ROOT = Path(__file__).resolve().parents[2]
 _TICKS = os.sysconf("SC_CLK_TCK")
+_PROGRAM = """
+import runpy, sys
+from engine.core.system import end_with_parent
+end_with_parent(sys.stdin.buffer)
+runpy.run_module("distributed.cli." + sys.argv.pop(1), run_name="__main__", alter_sys=True)
+"""
+"""A program of Dask in a process that ends with this one, however this one ends."""
 
 
 def batch_command(folders: Sequence[Path], out: Path, *options: str) -> list[str]:
@@ -92,6 +99,7 @@ class Cluster:
     port: int = 0
     scheduler: subprocess.Popen[bytes] | None = None
     workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
+    _alive: tuple[int, int] = field(default_factory=os.pipe)
 
     def start_scheduler(self) -> str:
         """Start the scheduler, again on the same port if it had one, and return its address."""
@@ -138,9 +146,9 @@ class Cluster:
         settings = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "1000", "PYTHONPATH": str(ROOT)}
         with (self.folder / f"{program}.log").open("ab") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", f"distributed.cli.{program}", *words],
-                cwd=ROOT, env={**os.environ, **settings, **(environment or {})}, stdout=log, stderr=log,
-                start_new_session=True,
+                [sys.executable, "-c", _PROGRAM, program, *words],
+                cwd=ROOT, env={**os.environ, **settings, **(environment or {})}, stdin=self._alive[0], stdout=log,
+                stderr=log, start_new_session=True,
             )  # fmt: skip
 
     def worker_processes(self) -> list[int]:
@@ -156,3 +164,5 @@ class Cluster:
                 os.killpg(process.pid, signal.SIGKILL)
             process.kill()
             process.wait()
+        for end in self._alive:
+            os.close(end)
