@@ -17,9 +17,14 @@ def card_or_skip(*, software: bool = True) -> Gpu:
     return open_gpu(software=software)
 
 
+def opened_for(node: pytest.Item | pytest.Module, patch: pytest.MonkeyPatch) -> Gpu:
+    """Let `rasterize` use any adapter, also the processor; what is marked ``gpu`` gets a card."""
+    gpu = card_or_skip(software=node.get_closest_marker("gpu") is None)
+    patch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
+    return gpu
+
+
 @pytest.fixture(autouse=True)
 def opened_gpu(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Gpu:
-    """Let `rasterize` use any adapter, also the processor; tests marked ``gpu`` get a card."""
-    gpu = card_or_skip(software=request.node.get_closest_marker("gpu") is None)
-    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
-    return gpu
+    """The card of a test, see `opened_for`."""
+    return opened_for(request.node, monkeypatch)

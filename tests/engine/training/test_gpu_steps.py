@@ -20,7 +20,7 @@ from engine.training.gpu import steps as gpu_steps
 from engine.training.result import TrainingResult
 from tests.conftest import ROOT, wait_until
 
-from ..cards import card_or_skip
+from ..cards import opened_for
 from .conftest import Scene
 from .test_loop import QUICK, run, same, stop_after
 
@@ -28,9 +28,8 @@ ON_CARD = QUICK.changed(backend="gpu", steps=60, transients=True)
 
 
 def opened(node: pytest.Item | pytest.Module, patch: pytest.MonkeyPatch) -> Gpu:
-    """Let training use any adapter, also the processor; what is marked ``gpu`` gets a card."""
-    gpu = card_or_skip(software=node.get_closest_marker("gpu") is None)
-    patch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
+    """As `opened_for`, in training as well."""
+    gpu = opened_for(node, patch)
     patch.setattr(gpu_steps, "open_gpu", lambda: gpu)
     return gpu
 
