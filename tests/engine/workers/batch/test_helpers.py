@@ -21,13 +21,22 @@ ONE_CORE = Need(cores=1, memory=1_000_000)
 LINUX = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are found in /proc")
 
 
-@pytest.fixture
-def helpers(cluster: Cluster) -> Iterator[ClusterHelpers]:
-    """Two workers of one core each, that have nothing to do."""
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler and two workers of one core each. One that a test kills is started again by its nanny."""
+    made = Cluster(tmp_path_factory.mktemp("cluster"), preload="tests.engine.workers.batch.quick_engine")
+    made.start_scheduler()
     for core in "00":
-        cluster.start_worker(environment={"GAUSSIAN_HERITAGE_CORES": core})
+        made.start_worker(environment={"GAUSSIAN_HERITAGE_CORES": core})
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def helpers(cluster: Cluster) -> ClusterHelpers:
+    """The two workers, which have nothing to do."""
     wait_until(lambda: len(cluster.worker_processes()) == 2)
-    yield ClusterHelpers(cluster.address)
+    return ClusterHelpers(cluster.address)
 
 
 def children_of(process: int) -> list[int]:
