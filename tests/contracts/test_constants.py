@@ -146,10 +146,15 @@ def test_right_tag_and_other_comments_are_accepted(comment: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("package", "setting"), [("objects", "strictness"), ("training", "cooldown"), ("objects/grounding", "max_overlap")]
+    ("module", "setting"),
+    [
+        ("objects/settings", "strictness"),
+        ("training/settings", "cooldown"),
+        ("objects/grounding/grounding_dino", "max_overlap"),
+    ],
 )
-def test_test_room_planted_in_the_settings_is_found(package: str, setting: str) -> None:
-    source = (ROOT / "engine" / package / "settings.py").read_text(encoding="utf-8")
+def test_test_room_planted_in_the_settings_is_found(module: str, setting: str) -> None:
+    source = (ROOT / "engine" / f"{module}.py").read_text(encoding="utf-8")
     line = next(line for line in source.splitlines() if line.strip().startswith(f"{setting}: float = "))
     broken = line.split("#")[0] + "# chosen on test_room_2"
     assert [place for place, _ in problems(source.replace(line, broken))] == [source.splitlines().index(line) + 1]

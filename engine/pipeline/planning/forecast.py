@@ -287,7 +287,6 @@ def memory_of(
         Bytes that the libraries take beyond the 500 MB of the reference machine.
     free : int or None
         Bytes that are free, None if unknown.
-
     """
     pixels, python = work.width * work.height, _PYTHON_BYTES + libraries
     full = work.photo_width * work.photo_height
