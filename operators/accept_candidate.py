@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import IntProperty, StringProperty
 
@@ -19,8 +17,8 @@ class HERITAGE_OT_accept_candidate(SegmentOperator):
     bl_idname = "heritage.accept_candidate"
     bl_label = "Isolate Candidate"
 
-    number: Annotated[int, IntProperty(name="Number", description="Number of the candidate", min=1)]
-    name: Annotated[str, StringProperty(name="Name", description="Name of the object; empty: the prompt")]
+    number: int = IntProperty(name="Number", description="Number of the candidate", min=1)
+    name: str = StringProperty(name="Name", description="Name of the object; empty: the prompt")
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""

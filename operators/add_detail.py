@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import BoolProperty
 
@@ -20,13 +18,10 @@ class HERITAGE_OT_add_detail(SegmentOperator):
     bl_idname = "heritage.add_detail"
     bl_label = "Add Detail"
 
-    every: Annotated[
-        bool,
-        BoolProperty(
-            name="All Objects",
-            description="Add detail to every object of the scene, not only to the one selected in the list",
-        ),
-    ]
+    every: bool = BoolProperty(
+        name="All Objects",
+        description="Add detail to every object of the scene, not only to the one selected in the list",
+    )
 
     loads_sam = False
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import StringProperty
 
@@ -18,7 +16,7 @@ class HERITAGE_OT_ask_scene(bpy.types.Operator):
     bl_idname = "heritage.ask_scene"
     bl_label = "Ask the Scene So Far"
 
-    words: Annotated[str, StringProperty(name="Words", description="Things in English words, for example vase")]
+    words: str = StringProperty(name="Words", description="Things in English words, for example vase")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine that answers."""

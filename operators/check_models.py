@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import BoolProperty
 
@@ -20,10 +18,9 @@ class HERITAGE_OT_check_models(bpy.types.Operator):
     bl_idname = "heritage.check_models"
     bl_label = "Check Models"
 
-    verify: Annotated[
-        bool,
-        BoolProperty(name="Verify", description="Check only required and available files, and report every problem"),
-    ]
+    verify: bool = BoolProperty(
+        name="Verify", description="Check only required and available files, and report every problem"
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Run the check."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty
@@ -34,9 +32,9 @@ class HERITAGE_OT_click_object(ViewTool, SegmentOperator):
     bl_idname = "heritage.click_object"
     bl_label = "Click Object"
 
-    refine: Annotated[
-        bool, BoolProperty(name="Correct", description="Correct the selected object instead of isolating a new one")
-    ]
+    refine: bool = BoolProperty(
+        name="Correct", description="Correct the selected object instead of isolating a new one"
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Report an error: scripts pass clicks to `heritage.isolate` or `heritage.refine_object` instead."""

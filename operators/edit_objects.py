@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import bpy
 import numpy as np
@@ -109,7 +108,7 @@ class HERITAGE_OT_split_object(_ObjectOperator):
     bl_idname = "heritage.split_object"
     bl_label = "Split Object"
 
-    name: Annotated[str, StringProperty(name="Name", description="Name of the new object; empty: that of the old")]
+    name: str = StringProperty(name="Name", description="Name of the new object; empty: that of the old")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Split."""
@@ -137,13 +136,10 @@ class HERITAGE_OT_merge_objects(_ObjectOperator):
     bl_idname = "heritage.merge_objects"
     bl_label = "Merge Objects"
 
-    names: Annotated[
-        str,
-        StringProperty(
-            name="Objects",
-            description='For scripts: names of the objects to merge in, separated by ";"; empty: the selected ones',
-        ),
-    ]
+    names: str = StringProperty(
+        name="Objects",
+        description='For scripts: names of the objects to merge in, separated by ";"; empty: the selected ones',
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Merge."""
@@ -192,33 +188,24 @@ class HERITAGE_OT_floaters(_ObjectOperator):
     bl_idname = "heritage.floaters"
     bl_label = "Floaters"
 
-    remove: Annotated[
-        bool,
-        BoolProperty(
-            name="Remove", description="Take them from the object instead of showing them", options={"SKIP_SAVE"}
-        ),
-    ]
-    min_neighbours: Annotated[
-        int,
-        IntProperty(
-            name="Neighbours",
-            description="A Gaussian with fewer others near it is isolated; most have about 20",
-            default=3,
-            min=0,
-            max=20,
-        ),
-    ]
-    min_opacity: Annotated[
-        float,
-        FloatProperty(
-            name="Opacity",
-            description="A Gaussian with a lower opacity is faint",
-            default=0.02,
-            min=0.0,
-            max=1.0,
-            subtype="FACTOR",
-        ),
-    ]
+    remove: bool = BoolProperty(
+        name="Remove", description="Take them from the object instead of showing them", options={"SKIP_SAVE"}
+    )
+    min_neighbours: int = IntProperty(
+        name="Neighbours",
+        description="A Gaussian with fewer others near it is isolated; most have about 20",
+        default=3,
+        min=0,
+        max=20,
+    )
+    min_opacity: float = FloatProperty(
+        name="Opacity",
+        description="A Gaussian with a lower opacity is faint",
+        default=0.02,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Show or remove."""

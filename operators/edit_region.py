@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Any
 
 import bpy
 import numpy as np
@@ -39,37 +39,28 @@ class HERITAGE_OT_edit_region(ProjectOperator, PathOperator):
     bl_label = "Edit in Region"
     bl_options = {"REGISTER", "UNDO"}
 
-    action: Annotated[
-        str,
-        EnumProperty(
-            name="Action",
-            description="What is done with the Gaussians in the region",
-            items=[
-                ("ADD", "Add", "Add what the region shows of the scene to the object"),
-                ("TAKE", "Take", "Take what the region shows of the object away from it"),
-            ],
-        ),
-    ]
-    depth: Annotated[
-        str,
-        EnumProperty(
-            name="Depth",
-            description="How far behind the visible surface the region reaches",
-            items=[
-                ("AUTO", "Automatic", "The surface when something is added, everything when something is taken"),
-                ("SURFACE", "Surface", "Only the surface that is seen"),
-                ("THROUGH", "Through", "Also all that is behind it"),
-            ],
-        ),
-    ]
-    path: Annotated[
-        Sequence[HeritageClick],
-        CollectionProperty(
-            type=HeritageClick,
-            name="Path",
-            description="For scripts: the corners of the region in pixels of one photo; two corners are those of a box",
-        ),
-    ]
+    action: str = EnumProperty(
+        name="Action",
+        description="What is done with the Gaussians in the region",
+        items=[
+            ("ADD", "Add", "Add what the region shows of the scene to the object"),
+            ("TAKE", "Take", "Take what the region shows of the object away from it"),
+        ],
+    )
+    depth: str = EnumProperty(
+        name="Depth",
+        description="How far behind the visible surface the region reaches",
+        items=[
+            ("AUTO", "Automatic", "The surface when something is added, everything when something is taken"),
+            ("SURFACE", "Surface", "Only the surface that is seen"),
+            ("THROUGH", "Through", "Also all that is behind it"),
+        ],
+    )
+    path: Sequence[HeritageClick] = CollectionProperty(
+        type=HeritageClick,
+        name="Path",
+        description="For scripts: the corners of the region in pixels of one photo; two corners are those of a box",
+    )
 
     def tool_name(self) -> str:
         """Return the label of its button."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import bpy
 from bpy.app.translations import pgettext_n
@@ -69,54 +68,40 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
     bl_label = "Export Gaussian Objects"
     bl_options = {"PRESET"}
 
-    directory: Annotated[
-        str, StringProperty(name="Folder", description="Folder for the exported files", subtype="DIR_PATH")
-    ]
-    format: Annotated[str, EnumProperty(name="Format", description="Format of the files", items=_format_items)]
-    scope: Annotated[
-        str,
-        EnumProperty(
-            name="Objects",
-            items=[
-                ("ALL", "All", "All isolated objects that are shown, without the background"),
-                ("SELECTED", "Selected", "Selected splats, including whole scenes"),
-                ("SCENE", "Scene", "The whole scene"),
-            ],
-        ),
-    ]
-    with_hidden: Annotated[
-        bool,
-        BoolProperty(name="Hidden Objects", description="With All: include the objects whose eye is closed"),
-    ]
-    with_background: Annotated[
-        bool,
-        BoolProperty(name="Background", description="With All: include the background, which surrounds the objects"),
-    ]
-    origin: Annotated[
-        str,
-        EnumProperty(
-            name="Origin",
-            items=[
-                ("WORLD", "World", "Each object stands where it stands in this scene"),
-                ("OBJECT", "Object", "The origin of each object is that of its file"),
-            ],
-        ),
-    ]
-    triangles: Annotated[
-        str,
-        EnumProperty(
-            name="Triangles",
-            description="Largest number of triangles of a mesh: for the web, for looking closely, as fine as photos "
-            "allow",
-            items=_LEVELS,
-            default=str(MeshSettings.triangles),
-        ),
-    ]
-    watertight: Annotated[bool, WATERTIGHT]
-    with_record: Annotated[bool, _WITH_RECORD]
-    with_far: Annotated[bool, _WITH_FAR]
-    overwrite: Annotated[bool, BoolProperty(name="Replace Files", description="Replace existing files")]
-    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
+    directory: str = StringProperty(name="Folder", description="Folder for the exported files", subtype="DIR_PATH")
+    format: str = EnumProperty(name="Format", description="Format of the files", items=_format_items)
+    scope: str = EnumProperty(
+        name="Objects",
+        items=[
+            ("ALL", "All", "All isolated objects that are shown, without the background"),
+            ("SELECTED", "Selected", "Selected splats, including whole scenes"),
+            ("SCENE", "Scene", "The whole scene"),
+        ],
+    )
+    with_hidden: bool = BoolProperty(
+        name="Hidden Objects", description="With All: include the objects whose eye is closed"
+    )
+    with_background: bool = BoolProperty(
+        name="Background", description="With All: include the background, which surrounds the objects"
+    )
+    origin: str = EnumProperty(
+        name="Origin",
+        items=[
+            ("WORLD", "World", "Each object stands where it stands in this scene"),
+            ("OBJECT", "Object", "The origin of each object is that of its file"),
+        ],
+    )
+    triangles: str = EnumProperty(
+        name="Triangles",
+        description="Largest number of triangles of a mesh: for the web, for looking closely, as fine as photos allow",
+        items=_LEVELS,
+        default=str(MeshSettings.triangles),
+    )
+    watertight: bool = WATERTIGHT
+    with_record: bool = _WITH_RECORD
+    with_far: bool = _WITH_FAR
+    overwrite: bool = BoolProperty(name="Replace Files", description="Replace existing files")
+    filter_folder: bool = BoolProperty(default=True, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the folder."""
@@ -208,13 +193,11 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
     bl_options = {"PRESET"}
 
     filename_ext = _SUFFIXES[0]
-    filter_glob: Annotated[
-        str, StringProperty(default=";".join(f"*{suffix}" for suffix in _SUFFIXES), options={"HIDDEN"})
-    ]
+    filter_glob: str = StringProperty(default=";".join(f"*{suffix}" for suffix in _SUFFIXES), options={"HIDDEN"})
     # The name that Blender gives to the collection whose exporter this is.
-    collection: Annotated[str, StringProperty(name="Collection", options={"HIDDEN"})]
-    with_record: Annotated[bool, _WITH_RECORD]
-    with_far: Annotated[bool, _WITH_FAR]
+    collection: str = StringProperty(name="Collection", options={"HIDDEN"})
+    with_record: bool = _WITH_RECORD
+    with_far: bool = _WITH_FAR
 
     def check(self, context: bpy.types.Context) -> bool:
         """Leave the extension that the user gave: it chooses the format."""

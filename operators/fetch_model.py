@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import StringProperty
 
@@ -24,7 +22,7 @@ class HERITAGE_OT_fetch_model(bpy.types.Operator):
     bl_idname = "heritage.fetch_model"
     bl_label = "Fetch Model"
 
-    name: Annotated[str, StringProperty(name="Model")]
+    name: str = StringProperty(name="Model")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Show the licence and ask for confirmation."""

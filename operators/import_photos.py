@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
 
 import bpy
 from bpy.app.translations import pgettext_n
@@ -39,95 +38,65 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     bl_idname = "heritage.import_photo_folder"
     bl_label = "Import Photo Folder"
 
-    directory: Annotated[str, StringProperty(name="Photos", description="Folder with the photos", subtype="DIR_PATH")]
-    filepath: Annotated[
-        str,
-        StringProperty(
-            name="Video",
-            description="A video to take the photos from, instead of a folder",
-            subtype="FILE_PATH",
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    files: Annotated[
-        Sequence[bpy.types.OperatorFileListElement],
-        CollectionProperty(
-            type=bpy.types.OperatorFileListElement,
-            name="Files",
-            description="Photos that were dropped; all photos of their folder are used",
-            options={"HIDDEN", "SKIP_SAVE"},
-        ),
-    ]
-    project: Annotated[
-        str,
-        StringProperty(
-            name="Project Folder",
-            description="Folder that the scene is stored in; empty: create it next to the photo folder",
-            subtype="DIR_PATH",
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    prompts: Annotated[
-        str,
-        StringProperty(
-            name="Objects to Isolate",
-            description="What is searched for at the end, in English words, separated by commas (vase, teapot)",
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    cameras: Annotated[
-        str,
-        StringProperty(
-            name="Known Cameras",
-            description="Known cameras of COLMAP, nerfstudio, Metashape or RealityCapture; empty: estimate the cameras",
-            subtype="FILE_PATH",
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    masks: Annotated[
-        str,
-        StringProperty(
-            name="Folder of Masks",
-            description="Folder with a mask for each photo, named like it; what is black in them is left out",
-            subtype="DIR_PATH",
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    mask_background: Annotated[
-        bool,
-        BoolProperty(
-            name="Leave Out Background",
-            description="Leave the background out, for an object on a turntable before a background that stands still",
-            default=False,
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    fisheye: Annotated[
-        bool,
-        BoolProperty(
-            name="Fisheye Lens",
-            description="The photos are those of a fisheye lens, as of action cameras: straight edges look bent",
-            default=False,
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    light: Annotated[
-        bool,
-        BoolProperty(name=LIGHT_LABEL, description=LIGHT_DESCRIPTION, default=False, options={"SKIP_SAVE"}),
-    ]
-    preset: Annotated[
-        str,
-        EnumProperty(
-            name="Preset",
-            description="How much work is done, and how good the scene becomes",
-            # All that the engine has, for scripts. Only those that are offered are drawn.
-            items=[(one.name, one.label, one.description if one.offered else "") for one in PRESET_LIST],
-            default=DEFAULT_PRESET,
-        ),
-    ]
-    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
-    filter_image: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
-    filter_movie: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
+    directory: str = StringProperty(name="Photos", description="Folder with the photos", subtype="DIR_PATH")
+    filepath: str = StringProperty(
+        name="Video",
+        description="A video to take the photos from, instead of a folder",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
+    files: Sequence[bpy.types.OperatorFileListElement] = CollectionProperty(
+        type=bpy.types.OperatorFileListElement,
+        name="Files",
+        description="Photos that were dropped; all photos of their folder are used",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+    project: str = StringProperty(
+        name="Project Folder",
+        description="Folder that the scene is stored in; empty: create it next to the photo folder",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )
+    prompts: str = StringProperty(
+        name="Objects to Isolate",
+        description="What is searched for at the end, in English words, separated by commas (vase, teapot)",
+        options={"SKIP_SAVE"},
+    )
+    cameras: str = StringProperty(
+        name="Known Cameras",
+        description="Known cameras of COLMAP, nerfstudio, Metashape or RealityCapture; empty: estimate the cameras",
+        subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
+    )
+    masks: str = StringProperty(
+        name="Folder of Masks",
+        description="Folder with a mask for each photo, named like it; what is black in them is left out",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )
+    mask_background: bool = BoolProperty(
+        name="Leave Out Background",
+        description="Leave the background out, for an object on a turntable before a background that stands still",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
+    fisheye: bool = BoolProperty(
+        name="Fisheye Lens",
+        description="The photos are those of a fisheye lens, as of action cameras: straight edges look bent",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
+    light: bool = BoolProperty(name=LIGHT_LABEL, description=LIGHT_DESCRIPTION, default=False, options={"SKIP_SAVE"})
+    preset: str = EnumProperty(
+        name="Preset",
+        description="How much work is done, and how good the scene becomes",
+        # All that the engine has, for scripts. Only those that are offered are drawn.
+        items=[(one.name, one.label, one.description if one.offered else "") for one in PRESET_LIST],
+        default=DEFAULT_PRESET,
+    )
+    filter_folder: bool = BoolProperty(default=True, options={"HIDDEN"})
+    filter_image: bool = BoolProperty(default=True, options={"HIDDEN"})
+    filter_movie: bool = BoolProperty(default=True, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the folder; for dropped files, ask for the options only."""

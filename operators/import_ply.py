@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, cast
+from typing import cast
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
@@ -30,41 +30,30 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".ply"
-    filter_glob: Annotated[
-        str, StringProperty(default=";".join(f"*{suffix}" for suffix in READ_SUFFIXES), options={"HIDDEN"})
-    ]
-    up: Annotated[
-        str,
-        EnumProperty(
-            name="Up Axis",
-            description="Axis of the file that points up; GLB defines it",
-            items=[
-                (
-                    "AUTO",
-                    "As Stated",
-                    "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs",
-                ),
-                ("z", "Z", "Z points up, as in Blender"),
-                ("-y", "-Y", "Y points down, as in most Gaussian scenes"),
-                ("y", "Y", "Y points up"),
-            ],
-        ),
-    ]
-    skip_broken: Annotated[
-        bool,
-        BoolProperty(
-            name="Skip Broken",
-            description="Skip Gaussians of a PLY with invalid values instead of rejecting the file",
-        ),
-    ]
-    use_cycles: Annotated[
-        bool,
-        BoolProperty(
-            name="Set up Cycles",
-            description="In a new file, set the render engine to Cycles, with the settings that splats need",
-            default=True,
-        ),
-    ]
+    filter_glob: str = StringProperty(default=";".join(f"*{suffix}" for suffix in READ_SUFFIXES), options={"HIDDEN"})
+    up: str = EnumProperty(
+        name="Up Axis",
+        description="Axis of the file that points up; GLB defines it",
+        items=[
+            (
+                "AUTO",
+                "As Stated",
+                "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs",
+            ),
+            ("z", "Z", "Z points up, as in Blender"),
+            ("-y", "-Y", "Y points down, as in most Gaussian scenes"),
+            ("y", "Y", "Y points up"),
+        ],
+    )
+    skip_broken: bool = BoolProperty(
+        name="Skip Broken",
+        description="Skip Gaussians of a PLY with invalid values instead of rejecting the file",
+    )
+    use_cycles: bool = BoolProperty(
+        name="Set up Cycles",
+        description="In a new file, set the render engine to Cycles, with the settings that splats need",
+        default=True,
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the file; for a dropped file, ask for the options only."""

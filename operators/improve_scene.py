@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import bpy
 from bpy.props import EnumProperty
@@ -32,17 +31,14 @@ class HERITAGE_OT_improve_scene(ProjectOperator, bpy.types.Operator):
     bl_idname = "heritage.improve_scene"
     bl_label = "Improve Scene"
 
-    preset: Annotated[
-        str,
-        EnumProperty(
-            name="Preset",
-            description="How much work is done, and how good the scene becomes",
-            items=[
-                ("NEXT", "Next Better", "The preset after that of the scene"),
-                *((one.name, one.label, one.description if one.offered else "") for one in PRESET_LIST),
-            ],
-        ),
-    ]
+    preset: str = EnumProperty(
+        name="Preset",
+        description="How much work is done, and how good the scene becomes",
+        items=[
+            ("NEXT", "Next Better", "The preset after that of the scene"),
+            *((one.name, one.label, one.description if one.offered else "") for one in PRESET_LIST),
+        ],
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Say what becomes of the objects, and how long it takes."""

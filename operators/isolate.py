@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import bpy
 from bpy.props import CollectionProperty, FloatProperty, StringProperty
@@ -28,15 +27,14 @@ class HERITAGE_OT_isolate(SegmentOperator):
     bl_translation_context = bpy.app.translations.contexts.default
 
     # SKIP_SAVE everywhere: values of one call must not become the defaults of the next.
-    prompt: Annotated[str, StringProperty(name="Prompt", description="The object in English words, for example vase")]
-    photo: Annotated[str, StringProperty(name="Photo", description="Name of the clicked photo, instead of a prompt")]
-    x: Annotated[float, FloatProperty(name="X", description="Pixels from the left edge of the photo", min=0.0)]
-    y: Annotated[float, FloatProperty(name="Y", description="Pixels from the top edge of the photo", min=0.0)]
-    clicks: Annotated[
-        Sequence[HeritageClick],
-        CollectionProperty(type=HeritageClick, name="Clicks", description="Clicks on one object, instead of a prompt"),
-    ]
-    name: Annotated[str, StringProperty(name="Name", description="Name of the object; empty: the prompt")]
+    prompt: str = StringProperty(name="Prompt", description="The object in English words, for example vase")
+    photo: str = StringProperty(name="Photo", description="Name of the clicked photo, instead of a prompt")
+    x: float = FloatProperty(name="X", description="Pixels from the left edge of the photo", min=0.0)
+    y: float = FloatProperty(name="Y", description="Pixels from the top edge of the photo", min=0.0)
+    clicks: Sequence[HeritageClick] = CollectionProperty(
+        type=HeritageClick, name="Clicks", description="Clicks on one object, instead of a prompt"
+    )
+    name: str = StringProperty(name="Name", description="Name of the object; empty: the prompt")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the words where none are given, as when it is called from a menu."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import IntProperty
 
@@ -15,7 +13,7 @@ from ..gaussian_heritage_addon.jobs import job_runner
 class _ListedOperator(bpy.types.Operator):
     """Base class: an operator on one entry of a list."""
 
-    number: Annotated[int, IntProperty(name="Number", min=0)]
+    number: int = IntProperty(name="Number", min=0)
 
 
 class HERITAGE_OT_continue_job(_ListedOperator):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import IntProperty, StringProperty
 
@@ -19,21 +17,15 @@ class HERITAGE_OT_look_through_photo(bpy.types.Operator):
     bl_label = "Look Through Photo"
     bl_options = {"REGISTER", "UNDO"}
 
-    photo: Annotated[
-        str,
-        StringProperty(
-            name="Photo",
-            description="Name of the photo; empty: the current photo, or else the first",
-            options={"SKIP_SAVE"},
-        ),
-    ]
-    longest_side: Annotated[
-        int,
-        IntProperty(name="Longest Side", description="Longest side of a render in pixels; 0: that of the photo", min=0),
-    ]
-    step: Annotated[
-        int, IntProperty(name="Step", description="Number of photos to move on, by name", options={"SKIP_SAVE"})
-    ]
+    photo: str = StringProperty(
+        name="Photo",
+        description="Name of the photo; empty: the current photo, or else the first",
+        options={"SKIP_SAVE"},
+    )
+    longest_side: int = IntProperty(
+        name="Longest Side", description="Longest side of a render in pixels; 0: that of the photo", min=0
+    )
+    step: int = IntProperty(name="Step", description="Number of photos to move on, by name", options={"SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the camera and the size of renders."""

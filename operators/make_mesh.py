@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 
 from ..gaussian_heritage_addon.blender.typed_properties import call_properties
@@ -20,7 +18,7 @@ class HERITAGE_OT_make_mesh(ProjectOperator, bpy.types.Operator):
     bl_idname = "heritage.make_mesh"
     bl_label = "Make Mesh"
 
-    watertight: Annotated[bool, WATERTIGHT]
+    watertight: bool = WATERTIGHT
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated
 
 import bpy
 from bpy.app.translations import pgettext_n
@@ -47,30 +46,23 @@ class HERITAGE_OT_measure(ViewClickOperator):
     bl_label = "Measure"
     bl_options = {"REGISTER", "UNDO"}
 
-    action: Annotated[
-        str,
-        EnumProperty(
-            name="Action",
-            description="What the points mean",
-            items=[
-                ("DISTANCE", "Known Distance", "Two points whose distance you know; several distances are averaged"),
-                ("GROUND", "Ground", "Three or more points of the ground, which becomes level at height 0"),
-                ("NORTH", "North", "Two points, the second to the north of the first; north becomes the Y axis"),
-                ("ORIGIN", "Origin", "The point that becomes the origin"),
-                ("RULER", "Ruler", "Two points whose distance is shown"),
-            ],
-        ),
-    ]
-    metres: Annotated[
-        float,
-        FloatProperty(name="Distance", description="The known distance in metres", default=1.0, min=0.0, precision=4),
-    ]
-    points_on_photos: Annotated[
-        Sequence[HeritageClick],
-        CollectionProperty(
-            type=HeritageClick, name="Points", description="For scripts: pixels of photos instead of clicks in the view"
-        ),
-    ]
+    action: str = EnumProperty(
+        name="Action",
+        description="What the points mean",
+        items=[
+            ("DISTANCE", "Known Distance", "Two points whose distance you know; several distances are averaged"),
+            ("GROUND", "Ground", "Three or more points of the ground, which becomes level at height 0"),
+            ("NORTH", "North", "Two points, the second to the north of the first; north becomes the Y axis"),
+            ("ORIGIN", "Origin", "The point that becomes the origin"),
+            ("RULER", "Ruler", "Two points whose distance is shown"),
+        ],
+    )
+    metres: float = FloatProperty(
+        name="Distance", description="The known distance in metres", default=1.0, min=0.0, precision=4
+    )
+    points_on_photos: Sequence[HeritageClick] = CollectionProperty(
+        type=HeritageClick, name="Points", description="For scripts: pixels of photos instead of clicks in the view"
+    )
 
     def tool_name(self) -> str:
         """Return the name of the action."""
@@ -177,9 +169,7 @@ class HERITAGE_OT_clear_measurement(ProjectOperator, bpy.types.Operator):
     bl_label = "Clear Measurement"
     bl_options = {"REGISTER", "UNDO"}
 
-    distance: Annotated[
-        int, IntProperty(name="Distance", description="Number of the distance to remove; 0: everything", min=0)
-    ]
+    distance: int = IntProperty(name="Distance", description="Number of the distance to remove; 0: everything", min=0)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Remove."""

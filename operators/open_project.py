@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
@@ -27,8 +26,8 @@ class _ProjectFolderOperator(bpy.types.Operator):
 
     bl_options = {"REGISTER", "UNDO"}
 
-    directory: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
-    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
+    directory: str = StringProperty(name="Project", subtype="DIR_PATH")
+    filter_folder: bool = BoolProperty(default=True, options={"HIDDEN"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the folder."""
@@ -49,7 +48,7 @@ class HERITAGE_OT_open_project(_ProjectFolderOperator):
     bl_idname = "heritage.open_project"
     bl_label = "Open Project"
 
-    with_cameras: Annotated[bool, BoolProperty(name="Cameras", description="Add a camera for each photo", default=True)]
+    with_cameras: bool = BoolProperty(name="Cameras", description="Add a camera for each photo", default=True)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the project."""

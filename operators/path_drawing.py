@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import bpy
 import gpu
@@ -29,17 +29,14 @@ _MIN_STEP = 4
 class PathOperator(ViewTool, bpy.types.Operator):
     """Collects the corners of a region; a subclass says what they mean."""
 
-    shape: Annotated[
-        str,
-        EnumProperty(
-            name="Shape",
-            description="How the region is drawn",
-            items=[
-                ("LASSO", "Lasso", "Drag around what you mean"),
-                ("BOX", "Box", "Drag from one corner of a box to the other"),
-            ],
-        ),
-    ]
+    shape: str = EnumProperty(
+        name="Shape",
+        description="How the region is drawn",
+        items=[
+            ("LASSO", "Lasso", "Drag around what you mean"),
+            ("BOX", "Box", "Drag from one corner of a box to the other"),
+        ],
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for the mouse button; with arguments of a script, run at once."""

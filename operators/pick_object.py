@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.app.translations import pgettext_n
 from bpy.props import EnumProperty, FloatProperty, StringProperty
@@ -31,23 +29,18 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
     n_clicks = 1
     help_text = pgettext_n("Click what you see")
 
-    action: Annotated[
-        str,
-        EnumProperty(
-            name="Action",
-            description="What a click does",
-            items=[
-                ("SELECT", "Select", "Select the isolated object that is seen at the click"),
-                ("ISOLATE", "Isolate", "Isolate the thing that is seen at the click as a new object"),
-            ],
-        ),
-    ]
-    photo: Annotated[
-        str, StringProperty(name="Photo", description="For scripts: look through this photo instead of the 3D view")
-    ]
-    x: Annotated[float, FloatProperty(name="X", description="For scripts: pixels from the left edge of the photo")]
-    y: Annotated[float, FloatProperty(name="Y", description="For scripts: pixels from the top edge of the photo")]
-    name: Annotated[str, StringProperty(name="Name", description="Name of an isolated object; empty: object")]
+    action: str = EnumProperty(
+        name="Action",
+        description="What a click does",
+        items=[
+            ("SELECT", "Select", "Select the isolated object that is seen at the click"),
+            ("ISOLATE", "Isolate", "Isolate the thing that is seen at the click as a new object"),
+        ],
+    )
+    photo: str = StringProperty(name="Photo", description="For scripts: look through this photo instead of the 3D view")
+    x: float = FloatProperty(name="X", description="For scripts: pixels from the left edge of the photo")
+    y: float = FloatProperty(name="Y", description="For scripts: pixels from the top edge of the photo")
+    name: str = StringProperty(name="Name", description="Name of an isolated object; empty: object")
 
     def tool_name(self) -> str:
         """Return the label of its button."""

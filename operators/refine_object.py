@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
 
 import bpy
 from bpy.props import CollectionProperty, IntProperty, StringProperty
@@ -23,19 +22,13 @@ class HERITAGE_OT_refine_object(SegmentOperator):
     bl_idname = "heritage.refine_object"
     bl_label = "Refine Object"
 
-    object_id: Annotated[
-        str,
-        StringProperty(
-            name="Object", description="Id of the object in the project; empty: the object selected in the list"
-        ),
-    ]
-    clicks: Annotated[Sequence[HeritageClick], CollectionProperty(type=HeritageClick, name="Clicks")]
-    level: Annotated[
-        int,
-        IntProperty(
-            name="Level", description="0 is the smallest part; -1: do not change the level", default=-1, min=-1
-        ),
-    ]
+    object_id: str = StringProperty(
+        name="Object", description="Id of the object in the project; empty: the object selected in the list"
+    )
+    clicks: Sequence[HeritageClick] = CollectionProperty(type=HeritageClick, name="Clicks")
+    level: int = IntProperty(
+        name="Level", description="0 is the smallest part; -1: do not change the level", default=-1, min=-1
+    )
 
     def replaces(self, context: bpy.types.Context) -> str:
         """Name the object whose level is stored."""

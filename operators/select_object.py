@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import StringProperty
 
@@ -20,7 +18,7 @@ class HERITAGE_OT_select_object(bpy.types.Operator):
     bl_idname = "heritage.select_object"
     bl_label = "Select Object"
 
-    object_id: Annotated[str, StringProperty(name="Object", description="Id of the object in the project")]
+    object_id: str = StringProperty(name="Object", description="Id of the object in the project")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select and frame the object."""

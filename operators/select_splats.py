@@ -6,8 +6,6 @@ splats are meant, Blender's own tools get the event.
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty
@@ -28,11 +26,11 @@ class HERITAGE_OT_select_splats(bpy.types.Operator):
     bl_label = "Select Splats"
     bl_options = {"UNDO", "INTERNAL"}
 
-    extend: Annotated[bool, BoolProperty(name="Extend", description="Keep what is selected, and select this as well")]
-    deselect: Annotated[bool, BoolProperty(name="Deselect", description="Take this out of what is selected")]
-    toggle: Annotated[
-        bool, BoolProperty(name="Toggle", description="Select this as well, or take it out where it is active already")
-    ]
+    extend: bool = BoolProperty(name="Extend", description="Keep what is selected, and select this as well")
+    deselect: bool = BoolProperty(name="Deselect", description="Take this out of what is selected")
+    toggle: bool = BoolProperty(
+        name="Toggle", description="Select this as well, or take it out where it is active already"
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Report an error: scripts select objects as all objects of Blender."""
@@ -94,20 +92,17 @@ class HERITAGE_OT_select_splats_within(PathOperator):
     bl_label = "Select Splats Within"
     bl_options = {"UNDO", "INTERNAL"}
 
-    mode: Annotated[
-        str,
-        EnumProperty(
-            name="Mode",
-            description="What is done with the objects in the region",
-            items=[
-                ("SET", "Set", "Select them alone"),
-                ("ADD", "Extend", "Select them as well"),
-                ("SUB", "Subtract", "Take them out of what is selected"),
-                ("XOR", "Difference", "Select those that were not selected, and the other way round"),
-                ("AND", "Intersect", "Keep only those selected that were selected before"),
-            ],
-        ),
-    ]
+    mode: str = EnumProperty(
+        name="Mode",
+        description="What is done with the objects in the region",
+        items=[
+            ("SET", "Set", "Select them alone"),
+            ("ADD", "Extend", "Select them as well"),
+            ("SUB", "Subtract", "Take them out of what is selected"),
+            ("XOR", "Difference", "Select those that were not selected, and the other way round"),
+            ("AND", "Intersect", "Keep only those selected that were selected before"),
+        ],
+    )
 
     def tool_name(self) -> str:
         """Return the name of Blender's tool."""

@@ -1,27 +1,28 @@
-"""Typed Blender properties: one annotation gives the type checker a type and Blender a property."""
+"""Typed Blender properties: the type is for the type checker, the property for Blender."""
 
 from __future__ import annotations
 
-import inspect
-from typing import Any, TypeVar
+from typing import TypeVar
 
 _Class = TypeVar("_Class", bound=type)
 
 
 def blender_properties(cls: _Class) -> _Class:
-    """Replace the annotations ``Annotated[type, property]`` of `cls` by their properties, and return `cls`.
+    """Give Blender the properties of `cls`, which is written like a dataclass, and return `cls`.
 
-    Blender registers the usual ``title: StringProperty(...)``, but a type checker rejects a call as a type. This class
-    decorator accepts both::
+    Blender registers annotations, ``title: StringProperty(...)``, but a type checker rejects a call as a type. This
+    class decorator accepts both::
 
         @blender_properties
         class HeritageObject(bpy.types.PropertyGroup):
-            title: Annotated[str, StringProperty(name="Title", update=_record_changed)]
+            title: str = StringProperty(name="Title", update=_record_changed)
 
-    The module must contain ``from __future__ import annotations``. The annotations are evaluated in its globals, so
-    functions such as ``_record_changed`` must be defined above the class.
+    Nothing else may be annotated in the body of such a class.
     """
-    cls.__annotations__ = inspect.get_annotations(cls, eval_str=True, locals={"Annotated": _PropertyOf})
+    made = {name: vars(cls)[name] for name in cls.__annotations__}
+    for name in made:
+        delattr(cls, name)
+    cls.__annotations__ = made
     return cls
 
 
@@ -31,13 +32,3 @@ def call_properties(cls: _Class) -> _Class:
     for made in cls.__annotations__.values():
         made.keywords["options"] = {"SKIP_SAVE"}
     return cls
-
-
-class _PropertyOf:
-    """Takes the place of ``typing.Annotated``, which would keep each property in a cache.
-
-    With these references, Blender 4.5 as a Python module (bpy) hangs when the interpreter exits.
-    """
-
-    def __class_getitem__(cls, arguments: tuple[Any, Any]) -> Any:
-        return arguments[1]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
@@ -28,70 +26,49 @@ class HeritagePreferences(bpy.types.AddonPreferences):
 
     bl_idname = BASE_PACKAGE
 
-    engine_python: Annotated[
-        str,
-        StringProperty(
-            name="Existing Python",
-            description="Python with the engine's packages that is run instead of the engine that was set up here. "
-            "Empty: the one named by the environment variable GAUSSIAN_HERITAGE_PYTHON, or .venv/engine in the folder "
-            "of this extension if it is a checkout of the repository, or the engine that was set up. No other place is "
-            "searched, and no .blend file can change it",
-            subtype="FILE_PATH",
-        ),
-    ]
-    base_python: Annotated[
-        str,
-        StringProperty(
-            name="Python for Set-Up",
-            description="Python 3.11, 3.12 or 3.13 that the engine is set up with. Empty: Blender's own where "
-            "PyTorch can be had for it, or another one of this computer",
-            subtype="FILE_PATH",
-        ),
-    ]
-    offline_bundle: Annotated[
-        str,
-        StringProperty(
-            name="Offline Bundle",
-            description="File that the engine is set up from, without a network; empty: download everything",
-            subtype="FILE_PATH",
-        ),
-    ]
-    torch_build: Annotated[
-        str,
-        EnumProperty(
-            name="PyTorch",
-            description="Build of PyTorch that is installed",
-            items=[
-                ("AUTO", "Automatic", "For NVIDIA graphics cards where this computer has their driver"),
-                ("CPU", "Processor", "Smaller; includes Apple's graphics processors on a Mac"),
-                ("CUDA", "NVIDIA", "For NVIDIA graphics cards; 5 GB more"),
-            ],
-        ),
-    ]
-    check_result: Annotated[str, StringProperty(options={"SKIP_SAVE"})]
-    model_folder: Annotated[
-        str,
-        StringProperty(
-            name="Offline Folder",
-            description="Folder with model files that you already have; empty: download them",
-            subtype="DIR_PATH",
-        ),
-    ]
-    sam: Annotated[
-        str,
-        EnumProperty(
-            name="Segment Anything",
-            description="Model that outlines objects in the photos; all except the first must be fetched before use",
-            items=[(name, name, "") for name in SAM_MODELS],
-        ),
-    ]
-    show_licences: Annotated[
-        bool,
-        BoolProperty(
-            name="Licences", description="Show the licence of each model, and who may use it", options={"SKIP_SAVE"}
-        ),
-    ]
-    model_states: Annotated[str, StringProperty(options={"SKIP_SAVE", "HIDDEN"})]
+    engine_python: str = StringProperty(
+        name="Existing Python",
+        description="Python with the engine's packages that is run instead of the engine that was set up here. "
+        "Empty: the one named by the environment variable GAUSSIAN_HERITAGE_PYTHON, or .venv/engine in the folder "
+        "of this extension if it is a checkout of the repository, or the engine that was set up. No other place is "
+        "searched, and no .blend file can change it",
+        subtype="FILE_PATH",
+    )
+    base_python: str = StringProperty(
+        name="Python for Set-Up",
+        description="Python 3.11, 3.12 or 3.13 that the engine is set up with. Empty: Blender's own where "
+        "PyTorch can be had for it, or another one of this computer",
+        subtype="FILE_PATH",
+    )
+    offline_bundle: str = StringProperty(
+        name="Offline Bundle",
+        description="File that the engine is set up from, without a network; empty: download everything",
+        subtype="FILE_PATH",
+    )
+    torch_build: str = EnumProperty(
+        name="PyTorch",
+        description="Build of PyTorch that is installed",
+        items=[
+            ("AUTO", "Automatic", "For NVIDIA graphics cards where this computer has their driver"),
+            ("CPU", "Processor", "Smaller; includes Apple's graphics processors on a Mac"),
+            ("CUDA", "NVIDIA", "For NVIDIA graphics cards; 5 GB more"),
+        ],
+    )
+    check_result: str = StringProperty(options={"SKIP_SAVE"})
+    model_folder: str = StringProperty(
+        name="Offline Folder",
+        description="Folder with model files that you already have; empty: download them",
+        subtype="DIR_PATH",
+    )
+    sam: str = EnumProperty(
+        name="Segment Anything",
+        description="Model that outlines objects in the photos; all except the first must be fetched before use",
+        items=[(name, name, "") for name in SAM_MODELS],
+    )
+    show_licences: bool = BoolProperty(
+        name="Licences", description="Show the licence of each model, and who may use it", options={"SKIP_SAVE"}
+    )
+    model_states: str = StringProperty(options={"SKIP_SAVE", "HIDDEN"})
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the preferences."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Annotated
 
 import bpy
 from bpy.props import BoolProperty, FloatProperty, StringProperty
@@ -24,17 +23,17 @@ from ..splats.selection import heritage_objects
 class HeritageState(bpy.types.PropertyGroup):
     """Properties of an isolated object that Blender undoes with it: ``obj.heritage_state``."""
 
-    state: Annotated[str, StringProperty(options={"HIDDEN"})]
+    state: str = StringProperty(options={"HIDDEN"})
     """State of the object in the project, as of `state_of`, that is shown here; empty for one that is new."""
-    threshold: Annotated[float, FloatProperty(default=-1.0, options={"HIDDEN"})]
+    threshold: float = FloatProperty(default=-1.0, options={"HIDDEN"})
     """Threshold that the project had for it."""
-    object_name: Annotated[str, StringProperty(options={"HIDDEN"})]
+    object_name: str = StringProperty(options={"HIDDEN"})
     """Name that it has, or gets, in its project."""
-    shown_name: Annotated[str, StringProperty(options={"HIDDEN"})]
+    shown_name: str = StringProperty(options={"HIDDEN"})
     """Name that Blender had for that name: another one where the name was in use."""
-    stored_name: Annotated[str, StringProperty(options={"HIDDEN"})]
+    stored_name: str = StringProperty(options={"HIDDEN"})
     """Name that the project was seen to have last."""
-    is_copy: Annotated[bool, BoolProperty(options={"HIDDEN"})]
+    is_copy: bool = BoolProperty(options={"HIDDEN"})
     """Whether it was copied or appended: what is changed in it stays in this file."""
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Annotated
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty
@@ -100,39 +99,30 @@ def _kind_changed(properties: HeritageDisplay, context: bpy.types.Context) -> No
 class HeritageDisplay(bpy.types.PropertyGroup):
     """Display of the splats in the viewports: ``scene.heritage_display``. Renders always show all Gaussians."""
 
-    kind: Annotated[
-        str,
-        EnumProperty(
-            name="Display",
-            description="How the viewports show splats. Renders always show all Gaussians",
-            items=[
-                ("SPLATS", "Splats", "As trained, in all viewport modes"),
-                ("POINTS", "Points", "A dot for each Gaussian, the fastest"),
-                ("SHAPES", "Shapes", "Blender's own objects, for previews with EEVEE and Cycles; slow"),
-            ],
-            update=_kind_changed,
-        ),
-    ]
-    share: Annotated[
-        float,
-        FloatProperty(
-            name="Share",
-            description="Share of the Gaussians in view that are drawn, the most important first: "
-            "opacity times mean diameter, divided by the distance",
-            min=0.01,
-            max=1.0,
-            default=1.0,
-            subtype="FACTOR",
-        ),
-    ]
-    lighter: Annotated[
-        bool,
-        BoolProperty(
-            name="Lighter While Turning",
-            description="Draw with fewer pixels while the view moves, and sharpen the picture when it rests",
-            default=True,
-        ),
-    ]
+    kind: str = EnumProperty(
+        name="Display",
+        description="How the viewports show splats. Renders always show all Gaussians",
+        items=[
+            ("SPLATS", "Splats", "As trained, in all viewport modes"),
+            ("POINTS", "Points", "A dot for each Gaussian, the fastest"),
+            ("SHAPES", "Shapes", "Blender's own objects, for previews with EEVEE and Cycles; slow"),
+        ],
+        update=_kind_changed,
+    )
+    share: float = FloatProperty(
+        name="Share",
+        description="Share of the Gaussians in view that are drawn, the most important first: "
+        "opacity times mean diameter, divided by the distance",
+        min=0.01,
+        max=1.0,
+        default=1.0,
+        subtype="FACTOR",
+    )
+    lighter: bool = BoolProperty(
+        name="Lighter While Turning",
+        description="Draw with fewer pixels while the view moves, and sharpen the picture when it rests",
+        default=True,
+    )
 
 
 CLASSES = [HeritageDisplay]

@@ -6,7 +6,6 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
 
 import bpy
 import numpy as np
@@ -299,190 +298,144 @@ def _blending_changed(properties: HeritageScene, context: bpy.types.Context) -> 
 class HeritageScene(bpy.types.PropertyGroup):
     """Properties of a scene: ``scene.heritage``."""
 
-    project: Annotated[
-        str,
-        StringProperty(
-            name="Project",
-            description="Project folder of this scene",
-            subtype="DIR_PATH",
-            options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        ),
-    ]
-    camera_colour: Annotated[
-        str, StringProperty(name="Colour of the Cameras' Health", description="green, yellow or red; empty if unknown")
-    ]
-    camera_health: Annotated[
-        str, StringProperty(name="Health of the Cameras", description="What the photos say about their cameras")
-    ]
-    prompt: Annotated[
-        str,
-        StringProperty(
-            name="Prompt",
-            description="Objects to isolate, in English words; separate several with commas (vase, teapot)",
-        ),
-    ]
-    question: Annotated[
-        str,
-        StringProperty(
-            name="Question",
-            description="Things to look for in the scene so far, in English words; separate several with commas",
-        ),
-    ]
-    known_distance: Annotated[
-        float,
-        FloatProperty(
-            name="Metres",
-            description="A distance that you have measured on the real object, in metres; then pick its two ends",
-            min=0.0001,
-            default=1.0,
-            precision=4,
-        ),
-    ]
+    project: str = StringProperty(
+        name="Project",
+        description="Project folder of this scene",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+    )
+    camera_colour: str = StringProperty(
+        name="Colour of the Cameras' Health", description="green, yellow or red; empty if unknown"
+    )
+    camera_health: str = StringProperty(
+        name="Health of the Cameras", description="What the photos say about their cameras"
+    )
+    prompt: str = StringProperty(
+        name="Prompt",
+        description="Objects to isolate, in English words; separate several with commas (vase, teapot)",
+    )
+    question: str = StringProperty(
+        name="Question",
+        description="Things to look for in the scene so far, in English words; separate several with commas",
+    )
+    known_distance: float = FloatProperty(
+        name="Metres",
+        description="A distance that you have measured on the real object, in metres; then pick its two ends",
+        min=0.0001,
+        default=1.0,
+        precision=4,
+    )
     # Blender's own fields take units only in scenes that have some, and the unit of a scene is unknown at first.
-    known_distance_text: Annotated[
-        str,
-        StringProperty(
-            name="Distance",
-            description="A distance that you have measured on the real object, such as 30 cm; then pick its two ends",
-            get=_get_known_distance,
-            set=_set_known_distance,
-        ),
-    ]
-    photo_opacity: Annotated[
-        float,
-        FloatProperty(
-            name="Photo",
-            description="Opacity of the photo over the splats",
-            min=0.0,
-            max=1.0,
-            default=1.0,
-            subtype="FACTOR",
-            update=_photo_opacity_changed,
-        ),
-    ]
+    known_distance_text: str = StringProperty(
+        name="Distance",
+        description="A distance that you have measured on the real object, such as 30 cm; then pick its two ends",
+        get=_get_known_distance,
+        set=_set_known_distance,
+    )
+    photo_opacity: float = FloatProperty(
+        name="Photo",
+        description="Opacity of the photo over the splats",
+        min=0.0,
+        max=1.0,
+        default=1.0,
+        subtype="FACTOR",
+        update=_photo_opacity_changed,
+    )
     # The list needs an index of bpy.data.objects. It shifts when any object is made, renamed or deleted, so the name
     # and the id are stored instead.
-    active: Annotated[int, IntProperty(name="Active Object", get=_get_active, set=_set_active)]
-    active_name: Annotated[str, StringProperty(name="Name of the Active Object")]
-    active_id: Annotated[str, StringProperty(name="Id of the Active Object")]
+    active: int = IntProperty(name="Active Object", get=_get_active, set=_set_active)
+    active_name: str = StringProperty(name="Name of the Active Object")
+    active_id: str = StringProperty(name="Id of the Active Object")
     # Ids of the objects of the project that this scene has had, one a line.
-    known: Annotated[str, StringProperty(options={"HIDDEN"})]
+    known: str = StringProperty(options={"HIDDEN"})
     # However an object was deleted: in the list, by a key, in the outliner.
-    deleted: Annotated[
-        str,
-        StringProperty(
-            name="Deleted Objects",
-            description="Ids of objects that were deleted in this file, one a line, until stored",
-            get=_get_deleted,
-        ),
-    ]
-    show: Annotated[
-        str,
-        EnumProperty(
-            name="Show",
-            items=[
-                ("SCENE", "Scene", "Show the whole scene"),
-                ("OBJECTS", "Objects", "Show the isolated objects"),
-            ],
-            update=_show_changed,
-        ),
-    ]
+    deleted: str = StringProperty(
+        name="Deleted Objects",
+        description="Ids of objects that were deleted in this file, one a line, until stored",
+        get=_get_deleted,
+    )
+    show: str = EnumProperty(
+        name="Show",
+        items=[
+            ("SCENE", "Scene", "Show the whole scene"),
+            ("OBJECTS", "Objects", "Show the isolated objects"),
+        ],
+        update=_show_changed,
+    )
     # JSON of the settings that the user had before the scene was set up for splats.
-    former_settings: Annotated[str, StringProperty(options={"HIDDEN"})]
-    blending: Annotated[
-        str,
-        EnumProperty(
-            name="Blending",
-            items=[
-                ("LINEAR", "Linear", "Blend light, like other objects in Blender; uses the view transform Standard"),
-                ("TRAINED", "As Trained", "Match the colours of the photos; uses the view transform Raw"),
-            ],
-            update=_blending_changed,
-        ),
-    ]
+    former_settings: str = StringProperty(options={"HIDDEN"})
+    blending: str = EnumProperty(
+        name="Blending",
+        items=[
+            ("LINEAR", "Linear", "Blend light, like other objects in Blender; uses the view transform Standard"),
+            ("TRAINED", "As Trained", "Match the colours of the photos; uses the view transform Raw"),
+        ],
+        update=_blending_changed,
+    )
 
 
 @blender_properties
 class HeritageObject(bpy.types.PropertyGroup):
     """Properties of a splat object: ``obj.heritage``."""
 
-    role: Annotated[
-        str,
-        EnumProperty(
-            name="Role",
-            items=[
-                ("NONE", "None", ""),
-                ("SCENE", "Scene", "A whole scene"),
-                ("OBJECT", "Object", "An isolated object"),
-            ],
-        ),
-    ]
-    project: Annotated[
-        str, StringProperty(name="Project", subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"})
-    ]
-    object_id: Annotated[str, StringProperty(name="Object Id")]
-    prompt: Annotated[str, StringProperty(name="Prompt")]
-    score: Annotated[
-        float, FloatProperty(name="Confidence", description="Confidence that this is the requested object, 0 to 1")
-    ]
-    threshold: Annotated[
-        float,
-        FloatProperty(
-            name="Threshold",
-            description="Smallest membership of a Gaussian in the object; higher values make the object tighter",
-            default=DEFAULT_THRESHOLD,
-            min=0.0,
-            max=1.0,
-            subtype="FACTOR",
-            update=_threshold_changed,
-        ),
-    ]
-    kind: Annotated[
-        str, StringProperty(name="Kind", description="How the object was found: text, click, all or background")
-    ]
-    hidden: Annotated[
-        bool,
-        BoolProperty(name="Hidden", description="Hide this object in viewports and renders", update=_hidden_changed),
-    ]
-    level: Annotated[int, IntProperty(name="Level", description="0 is the smallest part", min=0, update=_level_changed)]
-    n_levels: Annotated[int, IntProperty(name="Levels", min=1, default=1)]
-    stored_level: Annotated[int, IntProperty(name="Level in the Project", min=0)]
-    part_to_whole: Annotated[
-        float,
-        FloatProperty(
-            name="Part to Whole",
-            description="From the smallest part (a lid) to the whole it belongs to (the vase)",
-            min=0.0,
-            max=1.0,
-            subtype="FACTOR",
-            get=_get_part_to_whole,
-            set=_set_part_to_whole,
-        ),
-    ]
-    catalogue_number: Annotated[str, StringProperty(name="Catalogue Number", update=_record_changed)]
-    title: Annotated[str, StringProperty(name="Title", update=_record_changed)]
-    rights: Annotated[
-        str,
-        StringProperty(name="Rights", description="Credit line, licence or rights statement", update=_record_changed),
-    ]
-    notes: Annotated[str, StringProperty(name="Notes", update=_record_changed)]
-    is_edited: Annotated[
-        bool, BoolProperty(name="Edited by Hand", description="Changed in this file, and not yet stored in the project")
-    ]
-    problem: Annotated[str, StringProperty(options={"SKIP_SAVE"})]
-    is_loading: Annotated[bool, BoolProperty(options={"SKIP_SAVE", "HIDDEN"})]
+    role: str = EnumProperty(
+        name="Role",
+        items=[
+            ("NONE", "None", ""),
+            ("SCENE", "Scene", "A whole scene"),
+            ("OBJECT", "Object", "An isolated object"),
+        ],
+    )
+    project: str = StringProperty(name="Project", subtype="DIR_PATH", options={"PATH_SUPPORTS_BLEND_RELATIVE"})
+    object_id: str = StringProperty(name="Object Id")
+    prompt: str = StringProperty(name="Prompt")
+    score: float = FloatProperty(name="Confidence", description="Confidence that this is the requested object, 0 to 1")
+    threshold: float = FloatProperty(
+        name="Threshold",
+        description="Smallest membership of a Gaussian in the object; higher values make the object tighter",
+        default=DEFAULT_THRESHOLD,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        update=_threshold_changed,
+    )
+    kind: str = StringProperty(name="Kind", description="How the object was found: text, click, all or background")
+    hidden: bool = BoolProperty(
+        name="Hidden", description="Hide this object in viewports and renders", update=_hidden_changed
+    )
+    level: int = IntProperty(name="Level", description="0 is the smallest part", min=0, update=_level_changed)
+    n_levels: int = IntProperty(name="Levels", min=1, default=1)
+    stored_level: int = IntProperty(name="Level in the Project", min=0)
+    part_to_whole: float = FloatProperty(
+        name="Part to Whole",
+        description="From the smallest part (a lid) to the whole it belongs to (the vase)",
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        get=_get_part_to_whole,
+        set=_set_part_to_whole,
+    )
+    catalogue_number: str = StringProperty(name="Catalogue Number", update=_record_changed)
+    title: str = StringProperty(name="Title", update=_record_changed)
+    rights: str = StringProperty(
+        name="Rights", description="Credit line, licence or rights statement", update=_record_changed
+    )
+    notes: str = StringProperty(name="Notes", update=_record_changed)
+    is_edited: bool = BoolProperty(
+        name="Edited by Hand", description="Changed in this file, and not yet stored in the project"
+    )
+    problem: str = StringProperty(options={"SKIP_SAVE"})
+    is_loading: bool = BoolProperty(options={"SKIP_SAVE", "HIDDEN"})
 
 
 @blender_properties
 class HeritageClick(bpy.types.PropertyGroup):
     """A clicked pixel of a photo, as an argument of operators."""
 
-    photo: Annotated[str, StringProperty(name="Photo")]
-    x: Annotated[float, FloatProperty(name="X", description="Pixels from the left edge of the photo")]
-    y: Annotated[float, FloatProperty(name="Y", description="Pixels from the top edge of the photo")]
-    wanted: Annotated[
-        bool, BoolProperty(name="Wanted", description="Off: this pixel is not part of the object", default=True)
-    ]
+    photo: str = StringProperty(name="Photo")
+    x: float = FloatProperty(name="X", description="Pixels from the left edge of the photo")
+    y: float = FloatProperty(name="Y", description="Pixels from the top edge of the photo")
+    wanted: bool = BoolProperty(name="Wanted", description="Off: this pixel is not part of the object", default=True)
 
 
 CLASSES = [HeritageScene, HeritageObject, HeritageClick]

@@ -36,18 +36,16 @@ def registrations(source: str) -> list[str]:
 
 
 def unguarded_properties(source: str) -> list[str]:
-    """Return the properties with callbacks that are no annotation of a class, which `register_class` would not see."""
+    """Return the properties with callbacks that are not declared in a class, which `register_class` would not see."""
     tree = ast.parse(source)
-    annotations = {
-        id(inner) for node in ast.walk(tree) if isinstance(node, ast.AnnAssign) for inner in ast.walk(node.annotation)
-    }
+    declared = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.AnnAssign)}
     return [
         f"{node.lineno}: {ast.unparse(node.func)}"
         for node in ast.walk(tree)
         if isinstance(node, ast.Call)
         and ast.unparse(node.func).endswith("Property")
         and any(keyword.arg in PROPERTY_CALLBACKS for keyword in node.keywords)
-        and id(node) not in annotations
+        and id(node) not in declared
     ]
 
 

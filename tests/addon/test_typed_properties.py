@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-from typing import Annotated
 
 from .conftest import PACKAGE
 
@@ -19,13 +18,10 @@ def string_property(**options: object) -> tuple[str, dict[str, object]]:
 class Example:
     """A class like a property group."""
 
-    title: Annotated[str, string_property(name="Title", options={"SKIP_SAVE"})]
-    count: int = 0
+    title: str = string_property(name="Title", options={"SKIP_SAVE"})  # type: ignore[assignment]
+    kind = "example"
 
 
-def test_property_takes_the_place_of_its_annotation() -> None:
-    assert Example.__annotations__["title"] == ("string", {"name": "Title", "options": {"SKIP_SAVE"}})
-
-
-def test_other_annotations_are_kept() -> None:
-    assert Example.__annotations__["count"] is int and Example.count == 0
+def test_property_becomes_the_annotation_that_blender_reads() -> None:
+    assert Example.__annotations__ == {"title": ("string", {"name": "Title", "options": {"SKIP_SAVE"}})}
+    assert not hasattr(Example, "title") and Example.kind == "example"

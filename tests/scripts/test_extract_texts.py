@@ -17,7 +17,7 @@ SOURCE = '''
 class HERITAGE_OT_cut(bpy.types.Operator):
     """Cut the object"""
     bl_label = "Cut"
-    shape: Annotated[str, EnumProperty(name="Shape", description="How", items=[("A", "Round", "As a circle")])]
+    shape: str = EnumProperty(name="Shape", description="How", items=[("A", "Round", "As a circle")])
     def draw(self, context):
         self.layout.operator("heritage.cut", text="Cut It")
         self.layout.label(text=f"{1}")
