@@ -189,8 +189,8 @@ bench-path: setup ## the path from photos to the report taken apart, into docs/r
 	$(ENGINE) -m benchmarks.path run --out out/path
 	$(ENGINE) -m benchmarks.path document out/path/path.json $(RUNS) --doc docs/run_time.md
 
-bench-scale: setup ## cameras of 25 to 300 photos of a generated building and of real sets, into docs/run_time.md; SETS=building_1000 for more; resumable; an hour
-	$(ENGINE) -m benchmarks.scale $(if $(SETS),--sets $(SETS)) --doc docs/run_time.md
+bench-scale: setup ## cameras of 25 to 300 photos of a generated building and of real sets, into docs/many_photos.md; SETS=building_1000 for more; resumable; an hour
+	$(ENGINE) -m benchmarks.scale $(if $(SETS),--sets $(SETS)) --doc docs/many_photos.md
 
 bench-formats: setup ## time, size and memory of exported files beside other programs, into docs/formats.md; 5 minutes
 	$(ENGINE) -m benchmarks.formats speed --doc docs/formats.md

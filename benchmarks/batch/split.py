@@ -166,7 +166,7 @@ def split_table(work: Path) -> str:
     first = found[0]
     each = first.get("cores_each", 1)
     lines = [
-        f"Matching and label maps of the set `{_PHOTOS}` of docs/run_time.md, detail of {_N_OBJECTS} objects of a "
+        f"Matching and label maps of the set `{_PHOTOS}` of docs/many_photos.md, detail of {_N_OBJECTS} objects of a "
         f"choosing room ({_STEPS} steps each). Every worker has {each} core{'s' if each > 1 else ''}; the engine runs "
         f"on one of them. {first['machine']}.",
         "",

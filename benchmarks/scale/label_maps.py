@@ -3,7 +3,7 @@
 The maps are made: segments with ragged borders, 22 runs of equal labels in a row; SAM's maps of the museum room have 15
 to 19. All are read once, as the digest of the scene's graph does, then those of the graph and of twenty prompts.
 
-example: python -m benchmarks.scale.label_maps --maps 1000 --out out/label_maps --doc docs/run_time.md
+example: python -m benchmarks.scale.label_maps --maps 1000 --out out/label_maps --doc docs/many_photos.md
 """
 
 from __future__ import annotations

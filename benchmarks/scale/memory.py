@@ -5,7 +5,7 @@ other programs export them. Memory is that of the engine's process with all that
 (PSS). What is measured of a stage is written when the stage ends.
 
 example: python -m benchmarks.scale.memory --photos 1000 --device cpu --out out/memory
-         python -m benchmarks.scale.memory --table out/memory/memory.json --doc docs/run_time.md
+         python -m benchmarks.scale.memory --table out/memory/memory.json --doc docs/many_photos.md
 """
 
 from __future__ import annotations
