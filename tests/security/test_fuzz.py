@@ -66,7 +66,6 @@ MODULES_THAT_READ = {"json", "np", "torch", "Image", "tarfile", "pickle"}
 NOT_REACHED = {
     "engine/cameras/matching.py:match_share": "what the engine that waits for this process has just written",
     "engine/objects/detailing.py:_make_with_helpers": "what processes state while the engine waits for them",
-    "engine/core/files/scratch.py": "what this process has just written",
     "engine/core/child_process.py": "what the parent process and the system state",
     "engine/serve/page_files.py": "the built page",
     "engine/workers/jobs/click_preview.py": "what the add-on and the engine tell each other while they run",
