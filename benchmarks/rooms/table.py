@@ -52,9 +52,10 @@ nothing was chosen on them. Exhibits of rooms *of models* are 3D models of other
   first, which loads the models; the worst is that of all rooms.
 - Find all, which only `better` can do: objects with a result of an IoU of at least 0.5, and results per room that are
   no object. Results that mostly cover furniture count neither as right nor as wrong.
-- Minutes: wall time on two cores from the seed to the result, with rendering; both draws shared them with other work,
-  idle ones took 8 to 18 minutes. A dash stands for what was not measured, or not measured whole because the run was
-  interrupted."""
+- Minutes: wall time on two cores from the seed to the result, with rendering; the first room of each family of 24ae1b4b
+  shared them with much other work, idle ones took 8 to 18 minutes. The other rooms were trained and measured on two
+  cores each of another machine, with Python 3.12 and PyTorch 2.11 in place of 3.11 and 2.13. A dash stands for what was
+  not measured, or not measured whole because the run was interrupted."""
 
 
 _DRAWS = """\
@@ -119,8 +120,7 @@ def rooms_section(repository: Path, draws: Sequence[Draw]) -> str:
         "**By mask**\n\n" + _means(measured, _MASK),
         "**By click**\n\n" + _means(measured, _CLICK),
         "**By word**\n\n" + _means(measured, _WORD, worst=True),
-        "**Find all**\n\n" + _means(measured, _ALL),
-        "**Scene**\n\n" + _scene(measured),
+        "**Find all, and the scene**\n\n" + _means(measured, (*_ALL, *_SCENE)),
         f"**Every room, `{METHODS[-1]}`**\n\n" + _every_room(measured),
     ]
     return "\n\n".join([*parts, _EXPLANATION])
@@ -203,18 +203,6 @@ def _means(measured: Sequence[_Measured], columns: Sequence[tuple[str, str]], *,
     return "\n".join(lines)
 
 
-def _scene(measured: Sequence[_Measured]) -> str:
-    """Return the table of what does not depend on the method that isolates objects."""
-    names = [name for name, _ in _SCENE]
-    lines = [f"| rooms | version | {' | '.join(names)} |", f"| --- | --- |{' ---: |' * len(names)}"]
-    for one in measured:
-        figures = list(one.figures(METHODS[0]).values())
-        if figures:
-            cells = [_mean([getattr(room, field) for room in figures]) for _, field in _SCENE]
-            lines.append(f"| {_rooms(one, len(figures))} | {_cell(one.version.name)} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
 def _every_room(measured: Sequence[_Measured]) -> str:
     kinds = ["mask: "] * len(_MASK) + ["click: "] * 3 + ["word: "] * 5 + ["all: "] * len(_ALL) + [""] * len(_SCENE)
     names = [kind + name for kind, (name, _) in zip(kinds, _ROOM, strict=True)]
@@ -239,7 +227,7 @@ def _mean(values: Sequence[float | None]) -> str:
     text = _number(statistics.fmean(numbers))
     if len(numbers) > 1:
         text += f" ± {_number(statistics.stdev(numbers) / math.sqrt(len(numbers)))}"
-    return text if len(numbers) == len(values) else f"{text} ({len(numbers)} rooms)"
+    return text if len(numbers) == len(values) else f"{text} ({len(numbers)} room{'s' if len(numbers) > 1 else ''})"
 
 
 def _number(value: float | None) -> str:

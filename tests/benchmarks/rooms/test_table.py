@@ -53,9 +53,8 @@ def test_means_and_standard_errors_are_over_rooms(tmp_path: Path) -> None:
     # Of the words 90, 60 and 0, two are found, one of them whole; of two absent things one is refused; 2 of 3 are
     # ranked first.
     assert word == ["66.7 ± 0.0", "33.3 ± 0.0", "50.0 ± 0.0", "50.0 ± 0.0", "66.7 ± 0.0", "1.2 ± 0.0", "3.0"]
-    assert find_all == ["50.0 ± 0.0", "18.8 ± 9.1", "46.8 ± 0.4", "3.0 ± 0.0"]
+    assert find_all == ["50.0 ± 0.0", "18.8 ± 9.1", "46.8 ± 0.4", "3.0 ± 0.0", "25.0 ± 0.0", "3.0 ± 0.0"]
     assert len(rows(text, "8 choosing (*in sample*)", NAME, "paper")) == 3, "paper cannot find all objects"
-    assert rows(text, "8 choosing (*in sample*)", NAME)[-1] == ["25.0 ± 0.0", "3.0 ± 0.0"]
     assert rows(text, "room_3") == [
         [
             "2",
@@ -114,7 +113,7 @@ def test_what_was_not_measured_is_a_dash_and_its_rooms_are_counted(tmp_path: Pat
     store_all(tmp_path, FIRST, CHOOSING_ROOMS[:2])
     store_all(tmp_path, FIRST, CHOOSING_ROOMS[2:], psnr=None, whole=False)
     text = rooms_section(tmp_path, DRAWS)
-    assert rows(text, "8 choosing (*in sample*)", NAME)[-1] == ["25.0 ± 0.0 (2 rooms)", "3.0 ± 0.0 (2 rooms)"]
+    assert rows(text, "8 choosing (*in sample*)", NAME)[-1][-2:] == ["25.0 ± 0.0 (2 rooms)", "3.0 ± 0.0 (2 rooms)"]
     assert rows(text, "room_5")[0][-2:] == ["-", "-"]
 
 
