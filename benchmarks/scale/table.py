@@ -9,8 +9,8 @@ from typing import Any
 from .measuring import STEPS
 
 _NOTE = """\
-Made by `python -m benchmarks.scale --doc docs/many_photos.md` (`make bench-scale`). `building_N`: the first N photos of a
-walk through a generated building, 480 x 360 pixels, with exact truth. Seconds are wall time, in brackets CPU time.
+Made by `python -m benchmarks.scale --doc docs/many_photos.md` (`make bench-scale`). `building_N`: the first N photos
+of a walk through a generated building, 480 x 360 pixels, with exact truth. Seconds are wall time, in brackets CPU time.
 Pairs: matched, and of these verified. Errors of the positions after the best similarity, in % of the diagonal of the
 true positions: median and largest. Memory: of the process, without those that match, which take up to 200 MB each. The
 global mapper starts from the matches of the row above. **Test**: no constant is chosen on the building; the museum room
