@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.arrays import Float32, Float64, Int32, Mask, Pixels
 
@@ -86,7 +87,7 @@ class Mesh:
         )  # fmt: skip
 
 
-def are_closed(faces: Int32) -> bool:
+def are_closed(faces: NDArray[np.signedinteger]) -> bool:
     """Return whether each edge of triangles [F, 3] has two, which pass it in opposite directions; False without any."""
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
     n = int(faces.max(initial=0)) + 1
