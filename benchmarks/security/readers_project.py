@@ -202,7 +202,7 @@ def _store_forecast(folder: Path) -> object:
     work: Any = None
     forecast: Any = SimpleNamespace(stages=[SimpleNamespace(stage="masks")])
     with (
-        mock.patch.object(planned_work, "asdict", lambda work: {"preset": "best"}),
+        mock.patch.object(planned_work, "work_plan_as_dict", lambda work: {"preset": "best"}),
         mock.patch.object(planned_work, "forecast_as_dict", lambda forecast: {"stages": []}),
     ):
         planned_work.store_forecast(ProjectFolder.open_existing(folder), work, forecast)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import asdict
 from pathlib import Path
 
 from ...cameras.settings import CameraSettings
@@ -16,6 +15,7 @@ from ...pipeline.planning import (
     format_presets,
     plan_presets,
     require_enough_memory,
+    work_plan_as_dict,
 )
 from ...training.settings import OFFERED_PRESETS
 from .scene_options import add_plan_options, plan_settings_of
@@ -55,6 +55,6 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         return 0
     work, forecast, calibration = plans[0]
     require_enough_memory(forecast, work, calibration)
-    outputs = {"plan": asdict(work), "forecast": forecast_as_dict(forecast)}
+    outputs = {"plan": work_plan_as_dict(work), "forecast": forecast_as_dict(forecast)}
     emit(Finished(json.dumps(outputs, indent=1) if options.json else format_plan(work, forecast), outputs))
     return 0

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         plan_scene,
         plan_work,
         training_settings,
+        work_plan_as_dict,
     )
     from .device_choice import choose_sizes, kept_sizes, planned_device, record_sizes, training_is_to_come
     from .forecast import forecast_as_dict, forecast_work

@@ -10,7 +10,7 @@ No other module makes these decisions. Measurements behind the constants: docs/d
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -105,7 +105,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class WorkPlan:
-    """Decisions that need only the photos and the settings; ``project.json`` stores them by name.
+    """Decisions that need only the photos and the settings; ``project.json`` stores them as `work_plan_as_dict` does.
 
     Attributes
     ----------
@@ -239,26 +239,38 @@ def plan_work(
     preset = settings_with_sizes(settings.preset, sizes, count - n_held_out).changed(**settings.overrides)
     largest = largest_photo(photo_set)
     scale = min(1.0, preset.schedule.max_side / max(largest.width, largest.height))
-    left_out: dict[str, str] = {}
+    left_out: list[LeftOut] = []
     pairs, n_pairs = _pairs(count, cameras, points_given, left_out)
     if poses_given:
-        left_out["structure from motion"] = "camera poses were given"
+        left_out.append(LeftOut("structure from motion", "camera poses were given"))
     _lens(photo_set, poses_given, left_out)
     if not n_held_out:
-        left_out["test photos"] = f"{count} photos are too few to exclude one from training"
+        left_out.append(LeftOut("test photos", f"{count} photos are too few to exclude one from training"))
     features = settings.wants_objects or not settings.leave_out
     n_masks = _n_masks(count, settings, left_out)
     if preset.appearance.sh_degree < 3:
-        left_out[f"bands of view-dependent colour above {preset.appearance.sh_degree}"] = (
-            f"the preset {settings.preset} does not use them; each band enlarges every Gaussian and slows every step"
+        left_out.append(
+            LeftOut(
+                f"bands of view-dependent colour above {preset.appearance.sh_degree}",
+                f"the preset {settings.preset} does not use them; "
+                "each band enlarges every Gaussian and slows every step",
+            )
         )
     if scale < 1.0:
-        left_out[f"pictures larger than {preset.schedule.max_side} pixels"] = (
-            f"the preset {settings.preset} trains on reduced photos; "
-            f"their longest side has {max(largest.width, largest.height)} pixels"
+        left_out.append(
+            LeftOut(
+                f"pictures larger than {preset.schedule.max_side} pixels",
+                f"the preset {settings.preset} trains on reduced photos; "
+                f"their longest side has {max(largest.width, largest.height)} pixels",
+            )
         )
     if device.limited:
-        left_out[f"Gaussians beyond {preset.growth.max_gaussians:,}"] = f"{device.name} holds no more beside the photos"
+        left_out.append(
+            LeftOut(
+                f"Gaussians beyond {preset.growth.max_gaussians:,}",
+                f"{device.name} holds no more beside the photos",
+            )
+        )
     texture = float(np.median([photo.texture for photo in statistics])) if statistics else 1.0
     steps = _steps(count - n_held_out, preset, settings, left_out)
     _choose_nothing(count - n_held_out, preset, settings, left_out)
@@ -281,7 +293,7 @@ def plan_work(
         sh_degree=preset.appearance.sh_degree,
         max_gaussians=preset.growth.max_gaussians,
         steps=steps,
-        left_out=tuple(LeftOut(what, why) for what, why in left_out.items()),
+        left_out=tuple(left_out),
         notes=_notes(photo_set, texture, poses_given) + _kept_sizes(device, sizes, preset),
         trial=preset.appearance.trial_fraction if settings.leave_out else 0.0,
         clustering_interval=interval,
@@ -324,31 +336,38 @@ def steps_for(preset: TrainingSettings, n_trained: int) -> int:
     return min(schedule.steps, max(MIN_STEPS, schedule.rounds * n_trained)) if schedule.rounds else schedule.steps
 
 
-def _steps(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: dict[str, str]) -> int:
+def _steps(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
     """Return the number of steps, `steps_for` the photos where anything may be left out."""
     if not settings.leave_out or "steps" in settings.overrides:
         return preset.schedule.steps
     steps = steps_for(preset, n_trained)
     if steps < preset.schedule.steps:
-        left_out[f"{preset.schedule.steps - steps:,} of {preset.schedule.steps:,} training steps"] = (
-            f"more steps would overfit {n_trained} photos; each is already used {steps / max(1, n_trained):.0f} times"
+        left_out.append(
+            LeftOut(
+                f"{preset.schedule.steps - steps:,} of {preset.schedule.steps:,} training steps",
+                f"more steps would overfit {n_trained} photos; "
+                f"each is already used {steps / max(1, n_trained):.0f} times",
+            )
         )
     return steps
 
 
-def _clustering_interval(preset: TrainingSettings, settings: PlanSettings, left_out: dict[str, str]) -> int:
+def _clustering_interval(preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
     """Return the number of steps between two evaluations of the segmentation loss."""
     if not settings.leave_out:
         return 1
     interval = preset.features.clustering_interval
     if settings.wants_objects and interval > 1:
-        left_out[f"the loss of the segmentation features in {interval - 1} of {interval} steps"] = (
-            "the features converge with fewer evaluations of their loss"
+        left_out.append(
+            LeftOut(
+                f"the loss of the segmentation features in {interval - 1} of {interval} steps",
+                "the features converge with fewer evaluations of their loss",
+            )
         )
     return interval
 
 
-def _pairs(count: int, cameras: CameraSettings, points_given: bool, left_out: dict[str, str]) -> tuple[Pairs, int]:
+def _pairs(count: int, cameras: CameraSettings, points_given: bool, left_out: list[LeftOut]) -> tuple[Pairs, int]:
     """Return which pairs of photos are matched, and how many."""
     every = count * (count - 1) // 2
     if points_given:
@@ -357,42 +376,53 @@ def _pairs(count: int, cameras: CameraSettings, points_given: bool, left_out: di
         return "all", every
     expected = min(every, round(PAIRS_PER_PHOTO * count))
     if expected < every:
-        left_out[f"full matching of about {every - expected} of {every} pairs of photos"] = (
-            "a quick comparison of their largest features selects the pairs that show the same place"
+        left_out.append(
+            LeftOut(
+                f"full matching of about {every - expected} of {every} pairs of photos",
+                "a quick comparison of their largest features selects the pairs that show the same place",
+            )
         )
     return "promising", expected
 
 
-def _lens(photo_set: PhotoSet, poses_given: bool, left_out: dict[str, str]) -> None:
+def _lens(photo_set: PhotoSet, poses_given: bool, left_out: list[LeftOut]) -> None:
     """Add the lens model per photo to `left_out` if all photos were taken with one lens."""
     shared = len({(photo.width, photo.height, photo.focal_px) for photo in photo_set.photos}) == 1
     if shared and not poses_given:
-        left_out["a lens model per photo"] = "all photos have the same size and focal length and share one lens model"
+        left_out.append(
+            LeftOut("a lens model per photo", "all photos have the same size and focal length and share one lens model")
+        )
 
 
-def _n_masks(count: int, settings: PlanSettings, left_out: dict[str, str]) -> int:
+def _n_masks(count: int, settings: PlanSettings, left_out: list[LeftOut]) -> int:
     """Return the number of photos that get masks."""
     if not settings.leave_out:
         return count
     if not settings.wants_objects:
-        left_out["masks and segmentation features"] = "no objects were requested (--no-objects)"
+        left_out.append(LeftOut("masks and segmentation features", "no objects were requested (--no-objects)"))
         return 0
     wanted = min(count, settings.n_mask_photos)
     if wanted < count:
-        left_out[f"masks for {count - wanted} of {count} photos"] = (
-            f"{wanted} evenly spaced photos show every segment several times; "
-            "each additional photo takes seconds and shows nothing new"
+        left_out.append(
+            LeftOut(
+                f"masks for {count - wanted} of {count} photos",
+                f"{wanted} evenly spaced photos show every segment several times; "
+                "each additional photo takes seconds and shows nothing new",
+            )
         )
     return wanted
 
 
-def _choose_nothing(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: dict[str, str]) -> None:
+def _choose_nothing(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> None:
     """Add to `left_out` that nothing is decided during training, where there are too few photos to decide on."""
     tries = settings.leave_out and preset.appearance.trial_fraction > 0 and preset.appearance.sh_degree > 0
     if tries and not validation_photos(n_trained):
-        left_out["trials during training"] = (
-            f"{n_trained} training photos are too few to keep some of them for decisions; "
-            f"{MIN_PHOTOS_TO_CHOOSE} are needed"
+        left_out.append(
+            LeftOut(
+                "trials during training",
+                f"{n_trained} training photos are too few to keep some of them for decisions; "
+                f"{MIN_PHOTOS_TO_CHOOSE} are needed",
+            )
         )
 
 
@@ -429,6 +459,11 @@ def training_settings(work: WorkPlan) -> TrainingSettings:
         trial_fraction=work.trial,
     )
     return planned.changed(**work.overrides)
+
+
+def work_plan_as_dict(work: WorkPlan) -> dict[str, Any]:
+    """Return the plan as JSON values, as ``project.json`` and events have them."""
+    return asdict(work)
 
 
 def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:

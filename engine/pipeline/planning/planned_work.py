@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from ...rasterizer import Device, choose_device
 from ...scene import PhotoSet
 from .benchmark import calibrate
 from .calibration import Calibration
-from .decisions import PlanSettings, WorkPlan, plan_work, training_settings
+from .decisions import PlanSettings, WorkPlan, plan_work, training_settings, work_plan_as_dict
 from .device_choice import choose_sizes
 from .forecast import Forecast, forecast_as_dict, forecast_work
 
@@ -124,7 +124,7 @@ def store_forecast(project: ProjectFolder, work: WorkPlan, forecast: Forecast) -
 
     The report compares the run with the forecast that was made before any work.
     """
-    planned, expected = _as_stored(asdict(work)), _as_stored(forecast_as_dict(forecast))
+    planned, expected = _as_stored(work_plan_as_dict(work)), _as_stored(forecast_as_dict(forecast))
     stages = [stage.stage for stage in forecast.stages]
     stored = project.get("forecast")
     is_stored = check(stored, _STORED_FORECAST) is None and stages == [stage["stage"] for stage in stored["stages"]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 
 from engine.core.system import Machine
 from engine.pipeline.planning.calibration import REFERENCE, Calibration
-from engine.pipeline.planning.decisions import training_settings
+from engine.pipeline.planning.decisions import training_settings, work_plan_as_dict
 from engine.pipeline.planning.forecast import forecast_as_dict, forecast_work
 from engine.pipeline.planning.planned_work import store_forecast
 from engine.project.folder import ProjectFolder
@@ -27,7 +26,7 @@ def test_stored_forecast_of_any_kind_is_replaced(tmp_path: Path, stored: Any) ->
     machine = Machine(2, 16_000_000_000, "cpu", "test")
     forecast = forecast_work(plan, training_settings(plan), machine, Calibration(tmp_path / "c", "key", REFERENCE))
     project = ProjectFolder.create(tmp_path / "project")
-    project.put("work_plan", json.loads(json.dumps(asdict(plan))))
+    project.put("work_plan", json.loads(json.dumps(work_plan_as_dict(plan))))
     project.put("forecast", stored)
     store_forecast(project, plan, forecast)
     expected = json.loads(json.dumps(forecast_as_dict(forecast)))
