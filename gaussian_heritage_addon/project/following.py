@@ -36,7 +36,7 @@ def _after_loading() -> None:
             SplatScene.of(obj).follow_vertices()
     _after_update()
     moved_projects.find_moved()
-    display_settings.show_as_set()
+    display_settings.apply_displays()
 
 
 def _after_appending(items: list[tuple[bpy.types.ID, str]]) -> None:
@@ -45,7 +45,7 @@ def _after_appending(items: list[tuple[bpy.types.ID, str]]) -> None:
     for scene in bpy.data.scenes:
         display_settings.fit_arrived(scene, {id_block for id_block, _ in items})
         apply_visibility(scene)
-    display_settings.show_as_set()
+    display_settings.apply_displays()
 
 
 def _before_saving(file: str) -> None:
@@ -55,7 +55,7 @@ def _before_saving(file: str) -> None:
 
 def _after_saving(file: str) -> None:
     moved_projects.after_saving(file)
-    display_settings.show_as_set()
+    display_settings.apply_displays()
 
 
 def register() -> None:

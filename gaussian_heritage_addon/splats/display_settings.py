@@ -56,12 +56,6 @@ def show_without_addon() -> None:
                 obj.modifiers[DISPLAY].show_viewport = False
 
 
-def show_as_set() -> None:
-    """Let all splats of this file be drawn as their scenes say, after it was saved or loaded."""
-    for scene in bpy.data.scenes:
-        apply_display(scene)
-
-
 def fit_arrived(scene: bpy.types.Scene, arrived: Collection[bpy.types.ID]) -> None:
     """Fit the blending of `scene` and of splats that were appended or linked to each other.
 
@@ -75,7 +69,7 @@ def fit_arrived(scene: bpy.types.Scene, arrived: Collection[bpy.types.ID]) -> No
 
 
 def apply_displays() -> None:
-    """Show the splats of every scene of the file as its settings say."""
+    """Show the splats of every scene of the file as its settings say, as after it was saved or loaded."""
     for scene in bpy.data.scenes:
         apply_display(scene)
 

@@ -138,13 +138,13 @@ def apply_visibility(scene: bpy.types.Scene) -> None:
 def _are_replaced(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> list[bool]:
     """Return of each splat object whether others are shown in its place."""
     shows_objects = scene.heritage.show == "OBJECTS"
-    wholes = {_project_name(obj) for obj in objects if obj.heritage.role == "SCENE"}
-    parted = {_project_name(obj) for obj in objects if obj.heritage.role == "OBJECT"}
+    wholes = {_project_name(obj.heritage) for obj in objects if obj.heritage.role == "SCENE"}
+    parted = {_project_name(obj.heritage) for obj in objects if obj.heritage.role == "OBJECT"}
     if scene.heritage.project:
         parted.add(bpy.path.abspath(scene.heritage.project))
     replaced = []
     for obj in objects:
-        project = _project_name(obj)
+        project = _project_name(obj.heritage)
         is_whole = obj.heritage.role == "SCENE"
         # Splats without a project, of a file of any program, belong to no others.
         has_other = project in parted and shows_objects if is_whole else project in wholes and not shows_objects
@@ -167,13 +167,9 @@ def follow_eyes(scene: bpy.types.Scene) -> None:
     apply_visibility(scene)
 
 
-def _project_name_of(properties: HeritageScene) -> str:
+def _project_name(properties: HeritageScene | HeritageObject) -> str:
+    # What linked data names is relative to its own file.
     return bpy.path.abspath(properties.project, library=properties.id_data.library) if properties.project else ""
-
-
-def _project_name(obj: bpy.types.Object) -> str:
-    # What a linked object names is relative to its own file.
-    return bpy.path.abspath(obj.heritage.project, library=obj.library) if obj.heritage.project else ""
 
 
 def view_transform_of(scene: bpy.types.Scene) -> str:
@@ -263,12 +259,12 @@ def _get_deleted(properties: HeritageScene) -> str:
     known = [one for one in properties.known.split("\n") if one]
     if not known:
         return ""
-    project = _project_name_of(properties)
+    project = _project_name(properties)
     present = {
         obj.heritage.object_id
         for scene in bpy.data.scenes
         for obj in heritage_objects(scene, "OBJECT")
-        if _project_name(obj) == project
+        if _project_name(obj.heritage) == project
     }
     return "\n".join(one for one in known if one not in present)
 

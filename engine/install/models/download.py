@@ -9,7 +9,7 @@ import urllib.error
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...core.errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, ModelFileError
+from ...core.errors import Cancelled, EnvironmentProblem, HeritageError, ModelFileError
 from ...core.events import Emit, Progress, StopCheck
 from ...core.files import file_sha256, opened, write_problem
 from ...core.https import open_https
@@ -76,7 +76,7 @@ def download_file(model: ModelFile, folder: Path, *, emit: Emit, should_stop: St
         part.discard()
         raise
     except OSError as error:
-        raise _disk_problem(part, error) from error
+        raise write_problem(part.data, error) from error
     part.discard()
 
 
@@ -176,7 +176,7 @@ def _append(
     try:
         target = part.data.open("ab")
     except OSError as error:
-        raise _disk_problem(part, error) from error
+        raise write_problem(part.data, error) from error
     with target:
         while True:
             try:
@@ -191,7 +191,7 @@ def _append(
             try:
                 target.write(chunk)
             except OSError as error:
-                raise _disk_problem(part, error) from error
+                raise write_problem(part.data, error) from error
             if should_stop():
                 raise Cancelled(
                     f"Stopped after {received / 1e6:.1f} MB of {model.name}; the next fetch continues there."
@@ -222,7 +222,3 @@ def _network_problem(model: ModelFile, reason: str) -> EnvironmentProblem:
         f"same command again to resume. Behind a proxy, set HTTPS_PROXY; without network, put {model.file} into a "
         f"folder and use --from FOLDER or {OFFLINE_VARIABLE}."
     )
-
-
-def _disk_problem(part: PartialFile, error: OSError) -> DiskError:
-    return write_problem(part.data, error)

@@ -47,7 +47,7 @@ def test_saved_splats_are_seen_in_a_blender_without_the_addon(
     )
     splats.object.heritage.role = "SCENE"
     settings = part("gaussian_heritage_addon.splats.display_settings")
-    settings.show_as_set()
+    settings.apply_displays()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "small.blend"))
     assert nodes.display_input(splats.object, nodes.SHAPES) is False
     shapes, dots = seen_without_the_addon(tmp_path / "small.blend", tmp_path)
