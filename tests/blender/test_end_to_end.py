@@ -6,7 +6,6 @@ of the time would be the engine's, which is the same for all.
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import shutil
@@ -85,27 +84,3 @@ def test_photos_become_a_scene_an_object_and_files(blender: ModuleType, project:
         blender.ops.heritage.isolate(prompt="flux capacitor")
     centre = np.mean([vertex.co for vertex in teapot.data.vertices], axis=0)
     assert np.isfinite(centre).all()
-
-
-@pytest.mark.slow
-def test_scene_so_far_is_asked_for_words_by_the_engine(
-    blender: ModuleType, project: Path, installed: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The training has ended, but its last checkpoint is that of a running one, and only the stage says otherwise."""
-    questions = importlib.import_module(f"{installed}.gaussian_heritage_addon.jobs.scene_question")
-    monkeypatch.setattr(questions, "asked_project", lambda: project)
-    stored = json.loads((project / "project.json").read_text(encoding="utf-8"))
-    (run,) = (project / "checkpoints").iterdir()
-    for key, is_trained in ((run.name, False), (stored["stages"]["training"]["key"], True)):
-        stored["begun"] = ["training", key]
-        (project / "project.json").write_text(json.dumps(stored), encoding="utf-8")
-        assert blender.ops.heritage.ask_scene(words="teapot, flux capacitor") == {"FINISHED"}
-        while questions.poll() is not None:
-            time.sleep(0.1)
-        question = questions.shown()
-        if is_trained:
-            assert "is trained now. Isolate its objects" in question.problem
-        else:
-            assert question.answers.step > 0 and list(question.answers.refused) == ["flux capacitor"]
-            assert all(one.text == "teapot" and one.picture.is_file() for one in question.answers.found)
-    questions.unregister()
