@@ -68,7 +68,8 @@ class ScheduleSettings:
     cooldown : float
         Fraction of the steps, at the end, in which all learning rates fall further and no Gaussians are added.
     checkpoint_interval : int
-        Steps between two checkpoints.
+        Steps between two checkpoints. A stopped run goes on from the last one, and words asked of the scene so far are
+        answered from it.
     """
 
     steps: int = 3000  # chosen on museum_room
@@ -76,7 +77,7 @@ class ScheduleSettings:
     max_side: int = 640  # chosen on museum_room
     coarse_levels: int = 2  # chosen on museum_room
     cooldown: float = 0.1  # chosen on museum_room, sakharov_statue32
-    checkpoint_interval: int = 500
+    checkpoint_interval: int = 200
 
     def __post_init__(self) -> None:
         require_at_least(self, 1, "steps", "checkpoint_interval")
