@@ -52,10 +52,10 @@ nothing was chosen on them. Exhibits of rooms *of models* are 3D models of other
   first, which loads the models; the worst is that of all rooms.
 - Find all, which only `better` can do: objects with a result of an IoU of at least 0.5, and results per room that are
   no object. Results that mostly cover furniture count neither as right nor as wrong.
-- Minutes: wall time on two cores from the seed to the result, with rendering; the first room of each family of 24ae1b4b
-  shared them with much other work, idle ones took 8 to 18 minutes. The other rooms were trained and measured on two
-  cores each of another machine, with Python 3.12 and PyTorch 2.11 in place of 3.11 and 2.13. A dash stands for what was
-  not measured, or not measured whole because the run was interrupted."""
+- Minutes: wall time on two cores from the seed to the result, with rendering; the first rooms of 24ae1b4b shared them
+  with much other work, idle ones took 8 to 18 minutes. The other rooms were trained and measured on two cores each of
+  another machine, with Python 3.12 and PyTorch 2.11 in place of 3.11 and 2.13. A dash stands for what was not measured,
+  or not measured whole because the run was interrupted."""
 
 
 _DRAWS = """\
