@@ -163,14 +163,15 @@ def _show(job: Job) -> None:
 _timer = Timer(poll)
 
 
-def register() -> None:
-    """End the question once the add-on is gone."""
-    on_unregister(_end)
-
-
-def _end() -> None:
-    """Forget the question; its timer is stopped by then."""
+def stop() -> None:
+    """Stop looking, and forget the question."""
     global _question
+    _timer.stop()
     if _question is not None and _question.job.poll().running:
         _question.job.cancel()
     _question = None
+
+
+def register() -> None:
+    """End the question once the add-on is gone."""
+    on_unregister(stop)

@@ -46,7 +46,7 @@ def questions(part: Part, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> It
     if module._question is not None:
         module._question.job.cancel(grace_seconds=0.0)
         module._question.job.wait()
-    module.unregister()
+    module.stop()
 
 
 def _made(folder: Path) -> Path:
@@ -245,7 +245,7 @@ def test_question_ends_with_blender(
     fake_engine(FOREVER)
     questions.ask("vase")
     job = questions.shown().job
-    questions.unregister()
+    questions.stop()
     assert (job.folder / "stop").exists() and not (runner._job.folder / "stop").exists()
     job.cancel(grace_seconds=0.0)
     job.wait()
