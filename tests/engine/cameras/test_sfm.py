@@ -386,7 +386,9 @@ def test_a_fisheye_lens_is_estimated_when_it_is_chosen(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     boxes(9, "fisheye", focal=150.0, size=(400, 300), count=8, turn=2.0)(tmp_path / "photos")
     photos = read_photos(tmp_path / "photos", PhotoSettings().for_lens(FISHEYE_LENS, is_given=False))
-    found = estimate_cameras(photos, tmp_path / "sfm", replace(QUICK, model=FISHEYE_LENS, first_octave=-1))
+    # With half as many features, one photo is placed wrong on some processors, and left out.
+    settings = replace(QUICK, model=FISHEYE_LENS, first_octave=-1, max_features=2000)
+    found = estimate_cameras(photos, tmp_path / "sfm", settings)
     assert len(found.cameras) == 8
     # The lens is exactly equidistant. From the first guess of 160 pixels, matches of half a pixel lead this near.
     assert found.cameras[0].params[0] == pytest.approx(150.0, rel=0.01)
