@@ -85,7 +85,7 @@ def relocate(
     empty_space: EmptySpace | None = None,
     generator: torch.Generator,
 ) -> int:
-    """Move each Gaussian of at most the opacity 0.005, or in `empty_space`, onto another one, drawn by opacity.
+    """Move each Gaussian of at most `_MIN_OPACITY`, or in `empty_space`, onto another one, drawn by opacity.
 
     Return how many moved. Without those in empty space, the picture stays the same to first order (`copy_correction`).
     Nothing is moved when no other Gaussian is left.
