@@ -1,4 +1,4 @@
-"""Which proposals answer a word, by their scores for it, which are offered where it is refused, and whole versions."""
+"""Which proposals are the objects of a scene, which answer a word or are offered for it, and whole versions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from scipy.sparse import csr_matrix
 from scipy.special import logit
 
 from ..core.arrays import Float32, Float64, Mask
+from .context import SegmentationContext
 from .found import MAX_COMMON, is_same
-from .looks import Looks
+from .looks import Looks, kept_looks, load_or_build_looks
+from .proposals import choose_sets, gains_of
 from .settings import SegmentSettings
 
 N_OFFERED = 8
@@ -28,8 +30,39 @@ _SIMILAR_IOU = 0.6  # chosen on museum_room, room_1, room_2, room_3, room_4, roo
 _ABOUT_AS_LIKELY = 0.5  # chosen on museum_room, room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Log-odds by which the larger one may be less likely: the foot of a goblet is seen by fewer photos than its cup."""
 
+_OBJECTS = "objects"
+"""Name in `SegmentationContext.kept`."""
+
 _LEAST_SCORE = 1e-9
 """Scores are clipped to this and to one minus this: finite log-odds."""
+
+
+def objects_of(looks: Looks) -> list[int]:
+    """Return the proposals that are the objects of the scene, as a whole, the likeliest first.
+
+    Of the proposals, those are chosen that do not overlap and have the largest sum of gains (`gains_of`); of each, its
+    largest version that is about as likely.
+    """
+    return whole_versions(looks, choose_sets(looks.members, gains_of(looks.odds)))
+
+
+def scene_objects(context: SegmentationContext) -> Mask:
+    """Return the Gaussians of `objects_of`, [K, N], made once. Raises `Cancelled` when that is stopped."""
+    objects = kept_objects(context)
+    if objects is None:
+        load_or_build_looks(context)
+        objects = kept_objects(context)
+        assert objects is not None
+    return objects
+
+
+def kept_objects(context: SegmentationContext) -> Mask | None:
+    """Return `scene_objects` of a scene that was looked at before; None where that would have to be done."""
+    looks = None if _OBJECTS in context.kept else kept_looks(context)
+    if looks is not None:
+        context.once(_OBJECTS, lambda: looks.members[objects_of(looks)])
+    objects: Mask | None = context.kept.get(_OBJECTS)
+    return objects
 
 
 def answers_of(looks: Looks, scores: Float64, settings: SegmentSettings) -> list[tuple[int, float]]:

@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 
 from ..core.arrays import Mask
+from .choosing import kept_objects
 from .context import SegmentationContext
 from .evidence import evidence_of_places, places_in
+from .likelier import whole_evidence
 from .prompts import Point, camera_of_prompt
 
 
@@ -42,13 +44,14 @@ def click_masks(
 ) -> ClickMasks:
     """Return what the engine takes clicks on a photo for: the masks that `isolate` and `refine` begin with.
 
-    The first call for a photo renders it, and for excluded clicks loads SAM's embedding; further ones take hundredths
-    of a second.
+    A new object is shown as a whole where the objects of the scene are known, which the first isolated one needs. The
+    first call for a photo renders it, and for excluded clicks loads SAM's embedding; further ones take hundredths of a
+    second.
 
     Parameters
     ----------
     clicks, excluded : sequence of Point
-        Those on other photos change nothing here.
+        Those on other photos only say which object of the scene is meant.
     members : array of shape [N], bool, or None
         Gaussians of the object that is corrected.
 
@@ -63,7 +66,13 @@ def click_masks(
     camera = camera_of_prompt(Point(photo, 0.0, 0.0), context.views.cameras)
     view, shape = context.views.of(camera), (camera.height, camera.width)
     nothing = np.zeros(shape, bool)
-    wanted = view.to_photo(evidence_of_places(here, view, context).mask) if here else nothing
+    wanted = nothing
+    if here:
+        item = evidence_of_places(here, view, context)
+        objects = None if members is not None else kept_objects(context)
+        if objects is not None:
+            (item,) = whole_evidence(context, clicks, excluded, [item], objects) or [item]
+        wanted = view.to_photo(item.mask)
     unwanted = nothing
     if beside:
         small, _ = context.photos.segment(camera, points=beside, outside=here)

@@ -1,4 +1,4 @@
-"""What a click means: what its own photo shows there, or what other photos show there and is likelier an object."""
+"""What a click means: the object of the scene there, what other photos show there, or what its own photo shows."""
 
 from __future__ import annotations
 
@@ -24,8 +24,44 @@ _MOST = 0.5
 _LARGEST = 4.0  # chosen on banana16, herz_jesus25, meeting_place9, room_1, room_3, room_5, room_7
 """Gaussians that a set may have, relative to what the evidence leads to: a label on a banana is not the bananas."""
 
+_LARGEST_OBJECT = (
+    8.0  # chosen on banana16, herz_jesus25, meeting_place9, model_rooms, room_1, room_2, room_3, room_4, room_5, room_6
+)
+"""Gaussians of an object of the scene, relative to those that the evidence knows: these may be a small part of it."""
+
 _PLACE = 1
 """Pixels of the view's frame around a clicked one that belong to the place: what a click meets is a few Gaussians."""
+
+
+def whole_evidence(
+    context: SegmentationContext,
+    clicks: Sequence[Point],
+    excluded: Sequence[Point],
+    evidence: Sequence[MaskEvidence],
+    objects: Mask,
+) -> list[MaskEvidence] | None:
+    """Return the evidence of clicks with the members of the object that holds all clicked places; None for none.
+
+    The segment under a click is often a part: the dial of a clock, the label of a bottle. The object of the scene that
+    holds the places is therefore meant, unless it holds an excluded one or is much larger than what the evidence knows.
+
+    Parameters
+    ----------
+    evidence : sequence of MaskEvidence
+        That of `evidence_of_clicks`.
+    objects : array of shape [K, N], bool
+        The Gaussians of the objects of the scene (`choosing.objects_of`); K may be 0.
+    """
+    shown = [item for item in evidence if not item.excluded]
+    held = _shares(objects, np.hstack(_pixels_at(context, clicks))).min(axis=1)
+    for weights in _pixels_at(context, excluded):
+        held = held * (_shares(objects, weights) < _MOST).all(axis=1)
+    if known := [item.members.sum() for item in shown if item.members is not None]:
+        held = held * (objects.sum(axis=1) <= _LARGEST_OBJECT * max(known))
+    if held.max(initial=0) < _MOST:
+        return None
+    members = objects[held.argmax()]
+    return [item if item.excluded else _showing(context, item, members) for item in evidence]
 
 
 def likelier_evidence(
@@ -45,37 +81,47 @@ def likelier_evidence(
     answer : array of shape [N], bool
         The Gaussians that the evidence leads to, not empty.
     """
-    places = {view.camera.photo: (view, spots) for view, spots in clicks_by_photo(clicks, context)}
+    each = zip(evidence, _pixels_at(context, clicks), strict=True)
+    return [_likelier(context, item, answer, weights) for item, weights in each]
+
+
+def _pixels_at(context: SegmentationContext, clicks: Sequence[Point]) -> list[Float32]:
+    """Return for each clicked photo the pixels of the Gaussians at each of its S places, [N, S]."""
     result = []
-    for item in evidence:
-        view, spots = places[item.view.camera.photo]
-        places_shown = np.zeros((*view.within.shape, len(spots)), np.float32)
+    for view, spots in clicks_by_photo(clicks, context):
+        shown = np.zeros((*view.within.shape, len(spots)), np.float32)
         for number, (x, y) in enumerate(spots):
             column, row = pixel_of(view, x, y)
             rows, columns = (slice(max(at - _PLACE, 0), at + _PLACE + 1) for at in (row, column))
-            places_shown[rows, columns, number] = 1
-        result.append(_likelier(context, item, answer, context.views.scene.votes(view.frame, places_shown)))
+            shown[rows, columns, number] = 1
+        result.append(context.views.scene.votes(view.frame, shown))
     return result
+
+
+def _shares(sets: Mask, weights: Float32) -> Float32:
+    """Return the share of the pixels at S places, [N, S], that each of K sets, [K, N], has, [K, S]."""
+    return np.asarray(sets @ weights / np.maximum(weights.sum(axis=0), np.finfo(np.float32).tiny), np.float32)
+
+
+def _showing(context: SegmentationContext, item: MaskEvidence, members: Mask) -> MaskEvidence:
+    """Return the evidence of a click with these members, [N]."""
+    return replace(item, mask=context.views.visible(item.view, members) & item.view.within, members=members)
 
 
 def _likelier(context: SegmentationContext, item: MaskEvidence, answer: Mask, weights: Float32) -> MaskEvidence:
     """Return the evidence with the members of the likeliest object that holds the Gaussians of each place, [N, S]."""
-    graph, views = context.graph, context.views
+    graph = context.graph
     segments = _segments_at(graph, weights)
     strictness = context.settings.strictness
     solved = graph.memberships(graph.votes_of(segments), strictness, n_threads=len(usable_cores()))
     members = np.stack([answer, *(bounded(one, context.means) >= MEMBER_THRESHOLD for one in solved)])
     sizes = members.sum(axis=1)
-    possible = (
-        (sizes > 0) & (sizes <= _LARGEST * sizes[0]) & (members @ weights >= _MOST * weights.sum(axis=0)).all(axis=1)
-    )
+    possible = (sizes > 0) & (sizes <= _LARGEST * sizes[0]) & (_shares(members, weights) >= _MOST).all(axis=1)
     possible[0] = True
     members = members[possible]
     sets = csr_matrix(members, dtype=np.float32)
     best = int(log_odds(context, sets, graph.outline_agreement(sets)).argmax())
-    if best == 0:
-        return item
-    return replace(item, mask=views.visible(item.view, members[best]) & item.view.within, members=members[best])
+    return item if best == 0 else _showing(context, item, members[best])
 
 
 def _segments_at(graph: SceneGraph, weights: Float32) -> Int64:

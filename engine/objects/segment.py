@@ -12,18 +12,17 @@ from ..core.errors import PromptError
 from ..core.parts import part
 from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
-from .choosing import answers_of, offers_of, whole_versions
+from .choosing import answers_of, objects_of, offers_of, scene_objects
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, unknown_word
 from .found import MAX_COMMON, FoundObject, is_same, nothing_found
 from .graph import bounded
 from .grounding import PromptCheck
 from .lifting import isolate_object, isolate_proposal, levels_of_each
-from .likelier import likelier_evidence
+from .likelier import likelier_evidence, whole_evidence
 from .looks import Looks, kept_looks, load_or_build_looks
 from .paper import find_objects_of_paper
 from .prompts import ClickPrompt, Place, Prompt, TextPrompt
-from .proposals import choose_sets, gains_of
 from .settings import MEMBER_THRESHOLD, SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
@@ -91,9 +90,14 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
     if isinstance(prompt, TextPrompt):
         return _find_text(context, prompt)
     evidence = find_evidence(prompt, context)
-    found = isolate_object(context, evidence)
+    whole = None
+    if isinstance(prompt, ClickPrompt):
+        objects = scene_objects(context.part(0, 2))
+        context = context.part(1, 2)
+        whole = whole_evidence(context, prompt.clicks, prompt.excluded, evidence, objects)
+    found = isolate_object(context, whole or evidence)
     # What is excluded says what the object is not, which the comparison does not know.
-    if isinstance(prompt, ClickPrompt) and not any(one.excluded for one in evidence):
+    if isinstance(prompt, ClickPrompt) and whole is None and not prompt.excluded:
         likelier = likelier_evidence(context, prompt.clicks, evidence, found.members)
         if any(one is not other for one, other in zip(likelier, evidence, strict=True)):
             found = isolate_object(context, likelier)
@@ -226,9 +230,7 @@ def _offered(looks: Looks, scores: Float64 | None, context: SegmentationContext)
 def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """Return the objects of a scene without its background, in descending order of score; no two overlap.
 
-    Of the proposals (`engine.objects.looks`), those are chosen that do not overlap and have the largest sum of gains
-    (`gains_of`); of each, its largest version that is about as likely.
-    Names are suggested by the detector; without one the score is 0.
+    They are those of `objects_of`. Names are suggested by the detector; without one the score is 0.
 
     Raises
     ------
@@ -237,7 +239,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """
     looks = load_or_build_looks(context.part(0, 2))
     context = context.part(1, 2)
-    chosen = whole_versions(looks, choose_sets(looks.members, gains_of(looks.odds)))
+    chosen = objects_of(looks)
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
     # Where two reach into each other, the likelier object keeps its Gaussians.

@@ -21,7 +21,7 @@ from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
 from engine.workers.jobs import Click, click_question
 from engine.workers.jobs.click_preview import _answer
-from tests.engine.objects.fakes import FakeSam, trained_project
+from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 
 PHOTO = "view_2.png"
@@ -48,6 +48,19 @@ def test_click_shows_what_the_engine_takes_it_for(blobs: BlobScene, context: Seg
     np.testing.assert_array_equal(masks.wanted, evidence.view.to_photo(evidence.mask))
     assert mask_iou(masks.wanted, blobs.labels[PHOTO] == RED) > 0.8
     assert not masks.unwanted.any() and not masks.present.any()
+
+
+def test_click_shows_the_whole_object_once_the_scene_was_looked_at(blobs: BlobScene, project: ProjectFolder) -> None:
+    clicked, found = center(blobs, RED), blobs.part == RED
+    context = load_context(project, BETTER, lambda: FakeDetector(blobs), lambda: FakeSam(blobs))
+    context.kept["objects"] = np.stack([blobs.part == BLUE, found])
+    shown = click_masks(context, PHOTO, [clicked], []).wanted
+    view = context.views.of(context.views.cameras.by_photo[PHOTO])
+    np.testing.assert_array_equal(shown, view.to_photo(context.views.visible(view, found) & view.within))
+    # A correction begins with what its clicks show, not with whole objects.
+    (evidence,) = evidence_of_clicks([clicked], [], context)
+    masks = click_masks(context, PHOTO, [clicked], [], blobs.part == BLUE)
+    np.testing.assert_array_equal(masks.wanted, evidence.view.to_photo(evidence.mask))
 
 
 def test_click_beside_the_object_is_taken_away_and_shown(blobs: BlobScene, context: SegmentationContext) -> None:

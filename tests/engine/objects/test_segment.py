@@ -65,7 +65,7 @@ def overlap(found: FoundObject, scene: BlobScene, part: int) -> float:
 @pytest.mark.parametrize("part", [RED, TWIN, BLUE])
 def test_click_isolates_the_object_under_it(find, blobs: BlobScene, settings: SegmentSettings, part: int) -> None:
     x, y = blobs.center_of(part, "view_1.png")
-    (found,) = find(ClickPrompt("view_1.png", x, y), settings=settings, detector_factory=not_needed)
+    (found,) = find(ClickPrompt("view_1.png", x, y), settings=settings)
     assert overlap(found, blobs, part) > 0.95
     assert found.fit > 0.9 and found.score == pytest.approx(0.9 if settings is SMALL else 1.0)
 
@@ -90,6 +90,31 @@ def test_click_finds_the_ball_that_its_own_photo_shows_in_one_segment_with_the_f
     x, y = scene.center_of(BLUE, "view_1.png")
     (found,) = find(ClickPrompt("view_1.png", x, y), scene=scene, settings=SMALL_BETTER, label_maps=maps)
     assert overlap(found, scene, BLUE) > 0.75
+
+
+def test_click_on_a_part_means_the_whole_ball_unless_the_rest_is_excluded(find) -> None:
+    whole = make_scene()
+    blue, floor = np.flatnonzero(whole.part == BLUE), np.flatnonzero(whole.part == FLOOR)
+    # By features and by the segments of its own photo, the upper half of the ball is a thing of its own.
+    upper = blue[whole.gaussians.means[blue, 2] > np.median(whole.gaussians.means[blue, 2])]
+    features = whole.gaussians.features.copy()
+    features[upper] = -features[floor[0]]
+    scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
+    labels = scene.labels["view_1.png"].copy()
+    rows, columns = np.nonzero(labels == BLUE)
+    middle = int(np.median(rows))
+    labels[rows[rows < middle], columns[rows < middle]] = labels.max() + 1
+    maps = {**scene.labels, "view_1.png": labels}
+
+    def place(half: np.ndarray) -> tuple[float, float]:
+        return float(np.median(columns[half])), float(np.median(rows[half]))
+
+    click, other = ("view_1.png", *place(rows < middle)), Point("view_1.png", *place(rows >= middle))
+    (found,) = find(ClickPrompt(*click), scene=scene, settings=SMALL_BETTER, label_maps=maps)
+    assert overlap(found, scene, BLUE) > 0.9
+    prompt, sam = ClickPrompt(*click, excluded=(other,)), FakeSam(replace(scene, labels=maps))
+    (found,) = find(prompt, scene=scene, settings=SMALL_BETTER, label_maps=maps, sam_factory=lambda: sam)
+    assert overlap(found, scene, BLUE) < 0.75
 
 
 @pytest.mark.parametrize("parts", [(BLUE, RED), (RED, TWIN)])
