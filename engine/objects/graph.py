@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags, hstack
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from ..core.arrays import Float32, Int32, Int64, Mask
 from ..core.errors import Cancelled
@@ -109,9 +109,22 @@ class SceneGraph:
         return np.diff(self.photo, prepend=-1) == 0
 
     @cached_property
+    def _order(self) -> Int32:
+        """The Gaussians, [N], linked ones near each other in memory, which threads wait for (Cuthill and McKee 1969)."""
+        return np.asarray(reverse_cuthill_mckee(self.neighbours, symmetric_mode=True), np.int32)
+
+    @cached_property
+    def _near(self) -> csr_matrix:
+        """`neighbours` in `_order`."""
+        near = self.neighbours[self._order][:, self._order]
+        near.sort_indices()
+        return near
+
+    @cached_property
     def _between(self) -> tuple[csr_matrix, csr_matrix]:
-        """Links from Gaussians to segments, [N, M], over the root of all links of the segment, and back, [M, N]."""
-        links = csr_matrix(_PIXEL_WEIGHT * self.segments[:, np.flatnonzero(self.is_segment)], dtype=np.float32)
+        """Links from Gaussians, in `_order`, to segments, [N, M], over the root of all links of a segment, and back."""
+        segments = self.segments[self._order][:, np.flatnonzero(self.is_segment)]
+        links = csr_matrix(_PIXEL_WEIGHT * segments, dtype=np.float32)
         roots = np.sqrt(np.maximum(np.asarray(links.sum(axis=0), np.float32).ravel(), _SMALLEST))
         links = csr_matrix(links @ diags(1 / roots), dtype=np.float32)
         return links, csr_matrix(links.T)
@@ -168,11 +181,12 @@ class SceneGraph:
         gradients need fewer steps, with the diagonal as preconditioner. SciPy's solve one system at a time, so that
         each step reads all links for one object alone.
         """
-        (to_segments, to_gaussians), weights = self._between, self._weights(shown)
+        order, neighbours, (to_segments, to_gaussians) = self._order, self._near, self._between
+        weights = self._weights(shown)
         # The rows of L sum to 0: a Gaussian's links to segments, and from there back to all Gaussians.
-        links = self.neighbours.sum(axis=1) + to_segments @ (weights * np.asarray(to_gaussians.sum(axis=1)))
-        inside = votes.inside.astype(np.float32)
-        against = _PIXEL_WEIGHT + strictness * votes.outside
+        links = neighbours.sum(axis=1) + to_segments @ (weights * np.asarray(to_gaussians.sum(axis=1)))
+        inside = votes.inside[order].astype(np.float32)
+        against = _PIXEL_WEIGHT + strictness * votes.outside[order]
         degrees = (np.asarray(links) + inside + against).astype(np.float32)
         own = np.asarray(to_segments.multiply(to_segments) @ weights, np.float32)
         diagonal = np.maximum(degrees - own, _PIXEL_WEIGHT)  # it is no less; rounding can make it so
@@ -181,7 +195,7 @@ class SceneGraph:
         direction, product = residual / diagonal, np.empty_like(degrees)
         between = np.empty((to_gaussians.shape[0], degrees.shape[1]), np.float32)
         of_segments = row_blocks((to_gaussians,), n_threads)
-        of_gaussians = row_blocks((self.neighbours, to_segments), n_threads)
+        of_gaussians = row_blocks((neighbours, to_segments), n_threads)
 
         def gather(rows: slice, back: csr_matrix) -> None:
             np.multiply(weights[rows], back @ direction, out=between[rows])
@@ -214,7 +228,9 @@ class SceneGraph:
                 before, size = size, _dot(residual, scaled)
                 turned = size / np.maximum(before, _SMALLEST)
                 on_each(turn, of_gaussians, threads)
-        return np.clip(solution, 0, 1)
+        found = np.empty_like(solution)
+        found[order] = np.clip(solution, 0, 1)
+        return found
 
     def memberships(
         self,

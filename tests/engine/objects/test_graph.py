@@ -105,6 +105,17 @@ def test_object_has_the_same_bits_on_any_number_of_cores(
     np.testing.assert_array_equal(shared, graph.solve(both, strictness, 50.0))
 
 
+def test_object_does_not_depend_on_the_order_of_the_gaussians(
+    blobs: BlobScene, views: Views, graph: SceneGraph
+) -> None:
+    votes = count_votes(views, mask_of(blobs, views, BLUE, 1), graph.pixels)
+    mixed = np.random.default_rng(0).permutation(len(graph.pixels))
+    other = replace(graph, neighbours=graph.neighbours[mixed][:, mixed], segments=graph.segments[mixed])
+    found = solved(other, Votes(votes.inside[mixed], votes.outside[mixed]))
+    # The tolerance is that of the solution.
+    np.testing.assert_allclose(found, solved(graph, votes)[mixed], atol=0.01)
+
+
 def test_a_door_that_most_photos_leave_in_the_segment_of_its_wall_is_whole() -> None:
     n_door, n_wall, pixels = 20, 400, 10.0
     door = np.arange(n_door + n_wall) < n_door
