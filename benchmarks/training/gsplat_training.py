@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from engine.core.errors import EnvironmentProblem
 from engine.formats import SH_C0
 from engine.scene import CameraSet, Gaussians
 from engine.training import Coverage, Parameters
+from engine.training.held_out import render_picture
 from engine.training.quality import measure_levels
 from engine.training.settings import LAMBDA_DSSIM, TrainingSettings
 from engine.training.views import TrainingView, ViewPyramid, scene_extent
@@ -120,7 +122,8 @@ def measured_figures(
     coverage = Coverage(values, [view.pinhole for view in views if not view.held_out])
     pyramid = ViewPyramid([view for view in views if view.held_out], settings.features)
     levels = [pyramid.level(index, 0) for index in range(len(pyramid.views))]
-    measured = measure_levels(values, levels, coverage, backend=settings.backend, sh_degree=gaussians.sh_degree)
+    picture = functools.partial(render_picture, values, backend=settings.backend, sh_degree=gaussians.sh_degree)
+    measured = measure_levels(picture, levels, coverage)
     return {
         "psnr": measured.quality.psnr, "fitted_psnr": measured.fitted.psnr, "ssim": measured.quality.ssim,
         "dark_share": measured.dark_share,

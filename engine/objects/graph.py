@@ -110,7 +110,7 @@ class SceneGraph:
 
     @cached_property
     def _order(self) -> Int32:
-        """The Gaussians, [N], linked ones near each other in memory, which threads wait for (Cuthill and McKee 1969)."""
+        """The Gaussians, [N], linked ones near each other: threads wait less for memory (Cuthill and McKee 1969)."""
         return np.asarray(reverse_cuthill_mckee(self.neighbours, symmetric_mode=True), np.int32)
 
     @cached_property

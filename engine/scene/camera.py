@@ -96,9 +96,9 @@ class PinholeCamera:
         local = points @ self.viewmat[:3, :3].T + self.viewmat[:3, 3]
         front = np.flatnonzero(local[:, 2] > _NEAREST)
         homogeneous = local[front] @ self.K.T
-        pixels = homogeneous[:, :2] / homogeneous[:, 2:]
-        inside = ((pixels >= 0) & (pixels < (self.width, self.height))).all(axis=1)
-        return front[inside], pixels[inside], local[front[inside], 2]
+        x, y = homogeneous[:, 0] / homogeneous[:, 2], homogeneous[:, 1] / homogeneous[:, 2]
+        inside = np.flatnonzero((x >= 0) & (x < self.width) & (y >= 0) & (y < self.height))
+        return front[inside], np.column_stack([x[inside], y[inside]]), local[front[inside], 2]
 
     def places(self, rows: NDArray[np.intp], columns: NDArray[np.intp], depths: NDArray[np.floating]) -> Float64:
         """Return the places, [P, 3], that pixels show at depths along the view axis; all parameters are [P]."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..core.system import usable_cores
+from ..rasterizer import GpuScene, scene_on_card
 from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import PinholeCamera
 from .parameters import render
@@ -44,6 +47,9 @@ class Coverage:
         self, values: dict[str, torch.Tensor], cameras: Sequence[PinholeCamera], *, backend: Backend = "cpu"
     ) -> None:
         self._values, self._backend = values, backend
+        # They end with this object, and are shared by the threads that count.
+        self._threads = ThreadPoolExecutor(len(usable_cores()))
+        self._card = _scene_on_card(values) if backend == "gpu" and len(values["means"]) else None
         self._seen = [(camera, self._depth(camera)) for camera in (one.reduced(SIDE) for one in cameras)]
 
     def counts(self, camera: PinholeCamera) -> NDArray[np.int32]:
@@ -52,21 +58,29 @@ class Coverage:
         A photo sees a place that lies in its picture and not behind what it shows there. Pixels without a surface
         count 0.
         """
+        return self.counting(camera)()
+
+    def counting(self, camera: PinholeCamera) -> Callable[[], NDArray[np.int32]]:
+        """Render what a camera shows, and return what counts it as `counts` does, which any thread may call."""
         width, height = camera.width, camera.height
         camera = camera.reduced(COUNTED_SIDE)
         depth = self._depth(camera)
-        rows, columns = np.nonzero(np.isfinite(depth))
-        counts = np.zeros(depth.shape, np.int32)
-        counts[rows, columns] = self.of_places(camera.places(rows, columns, depth[rows, columns]))
-        nearest_row = (np.arange(height) + 0.5) * camera.height / height
-        nearest_column = (np.arange(width) + 0.5) * camera.width / width
-        return counts[nearest_row.astype(int)[:, None], nearest_column.astype(int)]
+
+        def count() -> NDArray[np.int32]:
+            rows, columns = np.nonzero(np.isfinite(depth))
+            counts = np.zeros(depth.shape, np.int32)
+            counts[rows, columns] = self.of_places(camera.places(rows, columns, depth[rows, columns]))
+            nearest_row = (np.arange(height) + 0.5) * camera.height / height
+            nearest_column = (np.arange(width) + 0.5) * camera.width / width
+            return counts[nearest_row.astype(int)[:, None], nearest_column.astype(int)]
+
+        return count
 
     def of_places(self, places: NDArray[np.floating]) -> NDArray[np.int32]:
         """Return how many training photos see each of `places`, [P, 3], shape [P]."""
-        counts = np.zeros(len(places), np.int32)
-        for camera, surface in self._seen:
-            counts += _sees(camera, surface, places.astype(np.float64))
+        counts, wide = np.zeros(len(places), np.int32), places.astype(np.float64)
+        for seen in self._threads.map(lambda one: _sees(*one, wide), self._seen):
+            counts += seen
         return counts
 
     def _depth(self, camera: PinholeCamera) -> NDArray[np.float64]:
@@ -77,11 +91,22 @@ class Coverage:
         with torch.no_grad():
             viewmat = torch.from_numpy(camera.viewmat).float()
             depths = self._values["means"] @ viewmat[2, :3] + viewmat[2, 3]
-            inverse = 1.0 / depths.clamp_min(RasterSettings().near)
-            raster = render(self._values, camera, backend=self._backend, sh_degree=None, channels=inverse[:, None])
-        cover = 1.0 - raster.transmittance.double().numpy()
-        blended = raster.image[..., 0].double().numpy()
+            inverse = (1.0 / depths.clamp_min(RasterSettings().near))[:, None]
+            if self._card is not None:
+                image, transmittance = self._card.render(camera, inverse.numpy())
+            else:
+                raster = render(self._values, camera, backend=self._backend, sh_degree=None, channels=inverse)
+                image, transmittance = raster.image.numpy(), raster.transmittance.numpy()
+        cover = 1.0 - transmittance.astype(np.float64)
+        blended = image[..., 0].astype(np.float64)
         return np.where(cover >= MIN_COVER, cover / np.maximum(blended, 1e-12), np.inf)
+
+
+def _scene_on_card(values: dict[str, torch.Tensor]) -> GpuScene:
+    """Return the Gaussians on the card, where they stay for the depth maps of all cameras."""
+    with torch.no_grad():
+        arrays = (values["means"], values["quats"], values["log_scales"].exp(), values["opacity_logits"].sigmoid())
+        return scene_on_card(*(array.detach().numpy() for array in arrays), values["sh_dc"].detach().numpy())
 
 
 def _sees(camera: PinholeCamera, surface: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.bool_]:

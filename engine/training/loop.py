@@ -434,13 +434,8 @@ class _TrainingRun:
         measured = [view.photo for view in self.measured.views]
         photos = [view.photo for view in self.pyramid.views]
         values = self.state.parameters.values
-        quality = measure_levels(
-            values,
-            self._levels(),
-            Coverage(values, [view.pinhole for view in self.pyramid.views], backend=self.settings.backend),
-            backend=self.settings.backend,
-            sh_degree=self._sh_degree(),
-        )
+        coverage = Coverage(values, [view.pinhole for view in self.pyramid.views], backend=self.settings.backend)
+        quality = measure_levels(self._picture, self._levels(), coverage)
         return make_result(
             self.state,
             self.settings,

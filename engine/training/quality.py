@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import flip_evaluator
 import numpy as np
@@ -13,11 +16,10 @@ from numpy.typing import NDArray
 
 from ..core.arrays import evenly_spaced_indices
 from ..core.events import StopCheck
-from ..rasterizer.settings import Backend
 from ..scene import CameraSet, Gaussians
 from .checkpoint import read_checkpoint
 from .coverage import WELL_SEEN, Coverage
-from .held_out import MAX_MEASURED_PHOTOS, Quality, image_quality, mean_quality, render_picture
+from .held_out import MAX_MEASURED_PHOTOS, Quality, image_quality, in_threads, mean_quality, render_picture
 from .parameters import Parameters
 from .settings import TrainingSettings
 from .trials import brightness_factors
@@ -100,42 +102,56 @@ def measure_quality(
     seeing = [training_pinhole(camera, max_side=max_side) for camera in camera_set.cameras if camera.photo in trained]
     coverage = Coverage(values, seeing, backend=settings.backend)
     levels = [pyramid.level(i, 0) for i in range(len(views))]
-    return measure_levels(values, levels, coverage, backend=settings.backend, sh_degree=degree, with_flip=True)
+    picture = functools.partial(render_picture, values, backend=settings.backend, sh_degree=degree)
+    return measure_levels(picture, levels, coverage, with_flip=True)
 
 
 def measure_levels(
-    values: dict[str, torch.Tensor],
-    levels: Sequence[Level],
-    coverage: Coverage,
-    *,
-    backend: Backend,
-    sh_degree: int,
-    with_flip: bool = False,
+    picture: Callable[[Level], torch.Tensor], levels: Sequence[Level], coverage: Coverage, *, with_flip: bool = False
 ) -> MeasuredQuality:
-    """Return the mean quality over the photos in `levels`; `coverage` is that of the training photos."""
-    whole, fitted, well_seen, flips = [], [], [], []
-    n_pixels = n_well_seen = n_bright = n_dark = 0
-    for level in levels:
-        image = render_picture(values, level, backend=backend, sh_degree=sh_degree)
-        whole.append(image_quality(image, level.pixels, level.valid))
-        fitted.append(image_quality(image * brightness_factors(image, level), level.pixels, level.valid))
-        if with_flip:
-            flips.append(_flip(image.numpy(), level))
-        valid = np.ones(level.pixels.shape[:2], bool) if level.valid is None else level.valid
-        seen = valid & (coverage.counts(level.camera) >= WELL_SEEN)
-        if seen.any():
-            well_seen.append(image_quality(image, level.pixels, seen))
-        brightness, expected = image.numpy().mean(axis=2), level.pixels.mean(axis=2) / 255.0
-        bright = valid & (expected > BRIGHT)
-        n_pixels, n_well_seen = n_pixels + int(valid.sum()), n_well_seen + int(seen.sum())
-        n_bright, n_dark = n_bright + int(bright.sum()), n_dark + int((bright & (brightness < expected / 2)).sum())
+    """Return the mean quality over the photos in `levels`; `coverage` is that of the training photos.
+
+    `picture` renders one as `held_out.render_picture` does. One is rendered after the other; others are measured at the
+    same time, in threads.
+    """
+    each = in_threads(
+        functools.partial(_measured, picture(level), level, coverage.counting(level.camera), with_flip)
+        for level in levels
+    )
+    well_seen = [one.well_seen for one in each if one.well_seen is not None]
+    n_pixels, n_well_seen, n_bright, n_dark = np.sum([one.counts for one in each], axis=0).tolist()
     return MeasuredQuality(
-        mean_quality(whole),
-        mean_quality(fitted),
+        mean_quality([one.whole for one in each]),
+        mean_quality([one.fitted for one in each]),
         mean_quality(well_seen) if well_seen else None,
         n_well_seen / max(n_pixels, 1),
         n_dark / max(n_bright, 1),
-        float(np.mean(flips)) if flips else None,
+        float(np.mean([one.flip for one in each])) if with_flip else None,
+    )
+
+
+class _OfPicture(NamedTuple):
+    """Quality of a picture, as in `MeasuredQuality`; number of valid, well seen, bright, and bright but dark pixels."""
+
+    whole: Quality
+    fitted: Quality
+    well_seen: Quality | None
+    counts: tuple[int, int, int, int]
+    flip: float
+
+
+def _measured(image: torch.Tensor, level: Level, count: Callable[[], NDArray[np.int32]], with_flip: bool) -> _OfPicture:
+    valid = np.ones(level.pixels.shape[:2], bool) if level.valid is None else level.valid
+    seen = valid & (count() >= WELL_SEEN)
+    brightness, expected = image.numpy().mean(axis=2), level.pixels.mean(axis=2) / 255.0
+    bright = valid & (expected > BRIGHT)
+    dark = bright & (brightness < expected / 2)
+    return _OfPicture(
+        image_quality(image, level.pixels, level.valid),
+        image_quality(image * brightness_factors(image, level), level.pixels, level.valid),
+        image_quality(image, level.pixels, seen) if seen.any() else None,
+        (int(valid.sum()), int(seen.sum()), int(bright.sum()), int(dark.sum())),
+        _flip(image.numpy(), level) if with_flip else math.nan,
     )
 
 
