@@ -6,6 +6,7 @@ import contextlib
 import functools
 import importlib
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -173,9 +174,7 @@ class _Run:
         self._looked_for_card = "training" in wanted and training_is_to_come(
             project, preset, photos_changed="photos" in self._runner.computed
         )
-        if self._looked_for_card:
-            # If it is missing, that is said now, not after the cameras were estimated.
-            importlib.import_module("torch")
+        device = self._card_and_torch() if self._looked_for_card else planned_device(project, preset)
         self._planned = plan_and_forecast(
             self._photo_set,
             self._statistics,
@@ -183,7 +182,7 @@ class _Run:
             cameras=settings.cameras,
             given_cameras=settings.given_cameras,
             n_prompts=len(settings.prompts),
-            device=self._find_device() if self._looked_for_card else planned_device(project, preset),
+            device=device,
             kept=kept_sizes(project, preset),
             emit=self._runner.emit,
         )
@@ -195,6 +194,18 @@ class _Run:
         makes_masks = "masks" in wanted and self._runner.key_of("masks") is None
         self._may_start_masks = forecast.masks_beside > 0 and makes_masks
         self._may_start_picture = settings.is_followed and forecast.picture_beside and "training" in wanted
+
+    def _card_and_torch(self) -> Device:
+        """Return the device, and import torch at the same time, since a process of its own looks for cards.
+
+        If torch is missing, that is said now, not after the cameras were estimated.
+        """
+        with ThreadPoolExecutor(1) as beside:
+            found = beside.submit(self._find_device)
+            with part("imports"):
+                importlib.import_module("torch")
+            with part("self-test of the card"):
+                return found.result()
 
     def _find_device(self) -> Device:
         return choose_device(self._settings.plan.device)
