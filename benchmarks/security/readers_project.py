@@ -401,22 +401,23 @@ def _make_looks(folder: Path) -> object:
 
 def _link_gaussians(folder: Path) -> object:
     """Read the graph of a scene. Building it is the answer to a damaged file."""
-    from engine.objects import graph
+    from engine.objects import graph_file
+    from engine.objects.graph import SceneGraph
 
     def build(*_: object, **__: object) -> object:
         if any(folder.iterdir()):
             raise _NotStored
         links = csr_matrix(np.array([[0, 1, 0], [1, 0, 2], [0, 2, 0]], np.float32))
         pixels = csr_matrix(np.array([[0, 1, 0], [3, 0, 2], [0, 2, 4]], np.float32))
-        return graph.SceneGraph(links, pixels, np.array([0, 0, 1], np.int32), ("a.jpg", "b.jpg"))
+        return SceneGraph(links, pixels, np.array([0, 0, 1], np.int32), ("a.jpg", "b.jpg"))
 
     array, segments = np.zeros((3, 2), np.float32), np.ones((2, 2), np.int32)
     gaussians = SimpleNamespace(means=array, opacities=array, features=array)
     cameras = SimpleNamespace(cameras=[SimpleNamespace(photo="a.jpg")])
     views: Any = SimpleNamespace(scene=_ThreeGaussians(gaussians), cameras=cameras, render_side=2)
-    with mock.patch.object(graph, "build_graph", build):
+    with mock.patch.object(graph_file, "build_graph", build):
         try:
-            return graph.load_or_build_graph(
+            return graph_file.load_or_build_graph(
                 folder / "graph.npz", views, {"a.jpg": segments}, n_views=2, should_stop=lambda: False
             )
         except _NotStored:

@@ -20,7 +20,8 @@ from ..project.folder import ProjectFolder
 from ..project.own_words import OwnWords
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
-from .graph import SceneGraph, load_or_build_graph, read_graph
+from .graph import SceneGraph
+from .graph_file import load_or_build_graph, read_graph
 from .known_objects import stored_memberships
 from .photos import Photos, SamFactory
 from .settings import MEMBER_THRESHOLD, SegmentSettings

@@ -6,32 +6,26 @@ It is made once after training and kept. Every object is the solution of one lin
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags, hstack
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
 from ..core.arrays import Float32, Int32, Int64, Mask
 from ..core.errors import Cancelled
 from ..core.events import StopCheck
-from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
+from ..core.prefetch import prefetched
 from ..core.system import usable_cores
-from ..project.folder import stage_key
+from ..scene import Camera
 from .row_blocks import on_each, row_blocks
 from .settings import MEMBER_THRESHOLD
-from .views import OUTER, Views, spread_cameras
+from .views import OUTER, View, Views, spread_cameras
 from .votes import Votes
-
-_VERSION = "graph 4"
 
 _LEAST_PIXELS = 0.5
 """Pixels that a Gaussian contributes to a segment, from which on the two are linked. Fewer make many links that weigh
@@ -424,20 +418,32 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
     """
     with_segments = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
     cameras = spread_cameras(with_segments, n_views)
-    columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
     photo: list[int] = []
-    for number, camera in enumerate(cameras):
-        if should_stop():
-            raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
+
+    def masks_of(camera: Camera) -> tuple[View, Float32]:
         view = views.of(camera)
         labels = view.labels_from_photo(label_maps[camera.photo])
         segments = np.concatenate([[0], np.unique(labels[labels > 0])])  # 0 is the rest
         masks = np.eye(len(segments), dtype=np.float32)[np.searchsorted(segments, labels)]
-        votes = views.scene.votes(view.frame, masks * view.within[..., None])
-        columns.append(csr_matrix(np.where(votes >= _LEAST_PIXELS, votes, np.float32(0))))
-        photo += [number] * len(segments)
-    photos = tuple(camera.photo for camera in cameras)
-    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32), photos)
+        return view, masks * view.within[..., None]
+
+    def counted() -> Iterator[Float32]:
+        for number, (view, masks) in enumerate(prefetched(masks_of, cameras)):
+            if should_stop():
+                raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
+            photo.extend([number] * masks.shape[2])
+            yield views.scene.votes(view.frame, masks)
+
+    # Threads prepare the masks of the next photo, link the one before, and look for neighbours.
+    with ThreadPoolExecutor(1) as beside:
+        neighbours = beside.submit(_neighbours, views)
+        columns = [csr_matrix((len(views.scene), 0), dtype=np.float32), *prefetched(_links_by, counted())]
+    segments = csr_matrix(hstack(columns))
+    return SceneGraph(neighbours.result(), segments, np.array(photo, np.int32), tuple(one.photo for one in cameras))
+
+
+def _links_by(votes: Float32) -> csr_matrix:
+    return csr_matrix(np.where(votes >= _LEAST_PIXELS, votes, np.float32(0)))
 
 
 def _neighbours(views: Views) -> csr_matrix:
@@ -454,65 +460,3 @@ def _neighbours(views: Views) -> csr_matrix:
     links.data = (np.clip(cosine, 0, 1) * np.sqrt(both)).astype(np.float32)
     links = links.tocsr()
     return csr_matrix(links.maximum(links.T))
-
-
-def load_or_build_graph(
-    file: Path | None, views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck
-) -> SceneGraph:
-    """Return the graph stored in `file`, or build and store it; else as `build_graph`.
-
-    A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
-    """
-    gaussians, digest = views.scene.gaussians, hashlib.sha256()
-    assert gaussians.features is not None
-    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
-    of_scene = (gaussians.means, gaussians.opacities, gaussians.features)
-    for array in itertools.chain(of_scene, map(label_maps.__getitem__, photos)):
-        digest.update(np.ascontiguousarray(array).data)
-    recipe = stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
-    graph = None if file is None else read_graph(file, recipe, len(views.scene))
-    if graph is None:
-        graph = replace(build_graph(views, label_maps, n_views=n_views, should_stop=should_stop), key=recipe)
-        if file is not None:
-            keep_arrays(file, recipe, _to_arrays(graph))
-    return graph
-
-
-def read_graph(file: Path, key: str, count: int) -> SceneGraph | None:
-    """Return the graph of `count` Gaussians that is kept in `file`; None for a missing, damaged or another one."""
-    stored = read_kept_arrays(file, key, _SPECS)
-    return None if stored is None else _from_arrays(stored, count, key)
-
-
-_MATRICES = ("neighbours", "segments")
-_SPECS = {
-    "photo": ArraySpec("int32", ("m",)),
-    "photos": ArraySpec("str", ("p",)),
-    **{f"{name} values": ArraySpec("float32", (f"{name} links",), finite=True) for name in _MATRICES},
-    **{f"{name} columns": ArraySpec("int32", (f"{name} links",)) for name in _MATRICES},
-    **{f"{name} rows": ArraySpec("int32", ("n",)) for name in _MATRICES},
-}
-
-
-def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
-    arrays = {"photo": graph.photo, "photos": np.array(graph.photos, np.str_)}
-    for name in _MATRICES:
-        matrix = getattr(graph, name)
-        arrays |= {f"{name} values": matrix.data, f"{name} columns": matrix.indices, f"{name} rows": matrix.indptr}
-    return {name: array.astype(_SPECS[name].dtype, copy=False) for name, array in arrays.items()}
-
-
-def _from_arrays(arrays: dict[str, NDArray[Any]], count: int, key: str) -> SceneGraph | None:
-    """Return the graph; None when the arrays are not its matrices."""
-    photo, photos = arrays["photo"], tuple(arrays["photos"].tolist())
-    right = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
-    matrices: dict[str, csr_matrix] = {}
-    for name, width in zip(_MATRICES, (count, len(photo)), strict=True):
-        parts = tuple(arrays[f"{name} {part}"] for part in ("values", "columns", "rows"))
-        try:
-            matrices[name] = csr_matrix(parts, shape=(count, width))
-            matrices[name].check_format(full_check=True)
-        except ValueError:
-            return None
-        right = right and not (matrices[name].data < 0).any()
-    return SceneGraph(photo=photo, photos=photos, key=key, **matrices) if right else None

@@ -5,8 +5,10 @@ They are made once after training and kept; then a word only compares descriptio
 
 from __future__ import annotations
 
+import functools
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,16 +19,18 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.special import expit, logit
 
-from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask
+from ..core.arrays import Float32, Float64, Floats, Int32, Int64, Mask, Pixels
 from ..core.files import ArraySpec, keep_arrays, read_kept_arrays
 from ..core.parts import part
+from ..core.prefetch import prefetched
+from ..core.system import usable_cores
 from ..masks import box_ious, mask_box
 from ..project.folder import stage_key
 from .context import SegmentationContext
 from .graph import LARGE
 from .grounding import Detector
 from .proposals import find_proposals
-from .views import MIN_VISIBLE_PIXELS, spread_cameras
+from .views import MIN_VISIBLE_PIXELS, View, spread_cameras
 from .votes import MaskEvidence
 
 _VERSION, _FILE = "looks 11", "looks.npz"
@@ -304,28 +308,43 @@ def _described(context: SegmentationContext, members: Mask, shown: Float32, numb
     sightings = _sightings(context, members, shown, numbers)
     found: list[tuple[int, str, tuple[int, int, int, int], bool]] = []
     described: list[Float32] = []
-    for done, (photo, seen) in enumerate(sightings.items(), start=1):
-        view, pixels = views.of(by_photo[photo]), context.photos.pixels(by_photo[photo])
-        height, width = pixels.shape[:2]
-        crops, boxes = [], []
-        for number, mask in zip(seen, views.visible_masks(view, members[seen]), strict=True):
-            inside = view.to_photo(mask).astype(np.uint8)
-            inside = cv2.resize(inside, (width, height), interpolation=cv2.INTER_NEAREST) > 0
-            box = mask_box(inside)
-            if mask.sum() >= MIN_VISIBLE_PIXELS and box is not None:
-                crops.append(inside)
-                boxes.append(box)
+
+    def seen() -> Iterator[tuple[View, list[Mask]]]:
+        for photo, sets in sightings.items():
+            view = views.of(by_photo[photo])
+            yield view, list(views.visible_masks(view, members[sets]))
+
+    def cut(one: tuple[View, list[Mask]]) -> tuple[Pixels, list[tuple[Mask, tuple[int, int, int, int]] | None]]:
+        view, masks = one
+        pixels = context.photos.pixels(view.camera)
+        return pixels, list(threads.map(functools.partial(_in_photo, view, pixels), masks))
+
+    with ThreadPoolExecutor(len(usable_cores())) as threads:
+        # Threads cut out what the next photo shows while this one is described.
+        for done, (photo, (pixels, cuts)) in enumerate(zip(sightings, prefetched(cut, seen()), strict=True), 1):
+            height, width = pixels.shape[:2]
+            shown_here = [(number, *one) for number, one in zip(sightings[photo], cuts, strict=True) if one is not None]
+            for number, _, box in shown_here:
                 found.append((number, photo, box, min(box[:2]) > 0 and box[2] < width and box[3] < height))
-        if crops:
-            rows = context.detector.describe_crops(pixels, boxes, crops)
-            described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
-        context.tell(done / len(sightings), "Describing what may be objects")
+            if shown_here:
+                crops, boxes = [inside for _, inside, _ in shown_here], [box for _, _, box in shown_here]
+                rows = context.detector.describe_crops(pixels, boxes, crops)
+                described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
+            context.tell(done / len(sightings), "Describing what may be objects")
     rows = (np.concatenate(described) if described else np.zeros((0, 1))).astype(np.float16)  # as they are kept
     numbered, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
     corners = np.array([one[2] for one in found], np.float32).reshape(-1, 2, 2)
     # Where a photo cuts off a set that others show whole, it is not described.
     kept = np.flatnonzero(whole | ~np.isin(numbered, numbered[whole]))
     return _Seen(numbered[kept], tuple(found[k][1] for k in kept), corners[kept], rows[kept].astype(np.float32))
+
+
+def _in_photo(view: View, pixels: Pixels, mask: Mask) -> tuple[Mask, tuple[int, int, int, int]] | None:
+    """Return a mask of a view in its photo, [H, W], and its box; None for one that is too small."""
+    height, width = pixels.shape[:2]
+    inside = cv2.resize(view.to_photo(mask).astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    box = mask_box(inside)
+    return None if mask.sum() < MIN_VISIBLE_PIXELS or box is None else (inside, box)
 
 
 def _count_and_mean(proposal: Int32, values: Floats, like: Int32) -> tuple[Int64, Float64]:

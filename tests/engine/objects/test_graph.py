@@ -10,7 +10,8 @@ from scipy.sparse import csr_matrix
 from engine.core.errors import Cancelled
 from engine.core.events import never_stop
 from engine.masks import mask_iou
-from engine.objects.graph import SceneGraph, build_graph, load_or_build_graph
+from engine.objects.graph import SceneGraph, build_graph
+from engine.objects.graph_file import load_or_build_graph
 from engine.objects.views import Views
 from engine.objects.votes import MaskEvidence, Votes, count_votes
 from engine.pictures.scene import Scene
@@ -212,7 +213,7 @@ def test_graph_is_kept_and_made_again_when_the_scene_or_the_file_changed(
         built.append(1)
         return graph
 
-    monkeypatch.setattr("engine.objects.graph.build_graph", build)
+    monkeypatch.setattr("engine.objects.graph_file.build_graph", build)
 
     def load(given: Views = views) -> SceneGraph:
         return load_or_build_graph(file, given, blobs.labels, n_views=8, should_stop=never_stop)
