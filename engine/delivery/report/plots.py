@@ -31,7 +31,7 @@ def error_curve(curve: Sequence[dict[str, Any]], t: Translate) -> str:
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullLocator
 
     points = [point for point in curve if _finite(point, "wall_seconds") and float(point["wall_seconds"]) > 0]
     if len(points) < 2:
@@ -43,9 +43,10 @@ def error_curve(curve: Sequence[dict[str, Any]], t: Translate) -> str:
     )
     parts = []
     for key, title in panels:
-        figure = Figure(figsize=(3.2, 2.9), layout="constrained")
+        figure = Figure(figsize=(3.2, 2.9))
         FigureCanvasSVG(figure)
-        axes = figure.subplots()
+        # Places that have room for every label: to find them, Matplotlib lays out and draws each plot four times.
+        axes = figure.add_axes((0.16, 0.16, 0.81, 0.74))
         for time, style, color in (("wall_seconds", "-", _LINE), ("cpu_seconds", "--", _QUIET)):
             usable = [p for p in points if _finite(p, key) and _finite(p, time)]
             axes.plot(
@@ -58,12 +59,12 @@ def error_curve(curve: Sequence[dict[str, Any]], t: Translate) -> str:
                 linewidth=1.4,
                 label=t("wall time" if time == "wall_seconds" else "CPU time"),
             )
-        axes.set_title(title, fontsize=9, color=_INK, loc="left")
+        axes.set_title(title, fontsize=9, color=_INK, loc="left", y=1.0)
         axes.set_xlabel(t("seconds"), fontsize=8, color=_INK)
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.grid(alpha=0.25, linewidth=0.6)
         axes.tick_params(labelsize=8, colors=_INK)
         axes.spines[["top", "right"]].set_visible(False)
