@@ -152,25 +152,28 @@ def test_with_few_photos_settings_decide_and_every_photo_is_trained_on(scene: Sc
     assert sorted(figures["exposure"]) == [view.photo for view in scene.views if not view.held_out]
 
 
-@pytest.mark.parametrize(
-    "calls",
-    [
-        pytest.param(15, id="before the trials"),
-        pytest.param(60, id="in the first trial"),
-        pytest.param(180, id="in the second trial"),
-        pytest.param(243, id="when the validation photos return"),
-        pytest.param(315, id="in the cooldown"),
-    ],
-)
-def test_run_stopped_in_any_phase_resumes_exactly(
-    large_scene: Scene, uninterrupted: TrainingResult, tmp_path: Path, calls: int
+STOPS = {
+    "before the trials": (15, 15),
+    "in the first trial": (45, 20),
+    "in the second trial": (160, 40),
+    "when the validation photos return": (103, 43),
+    "in the cooldown": (72, 115),
+}
+"""Steps of trials included that a run makes until it is stopped, and where it continues: a trial begins again."""
+
+
+def test_run_stopped_in_every_phase_resumes_exactly(
+    large_scene: Scene, uninterrupted: TrainingResult, tmp_path: Path
 ) -> None:
     dark = darkened(large_scene)
-    with pytest.raises(Cancelled):
-        run(dark, EVERYTHING, tmp_path, stop=stop_after(calls))
+    for phase, (calls, step) in STOPS.items():
+        with pytest.raises(Cancelled):
+            run(dark, EVERYTHING, tmp_path, stop=stop_after(calls))
+        state = read_checkpoint(tmp_path)
+        assert state is not None and state.step == step, phase
     resumed = run(dark, EVERYTHING, tmp_path)
     assert same(resumed.gaussians, uninterrupted.gaussians)
     for name in ("steps", "trials", "exposure"):
         assert resumed.figures[name] == uninterrupted.figures[name], name
     # And a run that had ended is not trained further.
-    assert same(run(dark, EVERYTHING, tmp_path).gaussians, uninterrupted.gaussians)
+    assert same(run(dark, EVERYTHING, tmp_path, stop=stop_after(1)).gaussians, uninterrupted.gaussians)
