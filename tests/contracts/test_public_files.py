@@ -8,7 +8,6 @@ import sys
 from importlib.resources import files
 from typing import Any
 
-import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
@@ -32,6 +31,8 @@ def read(text: str) -> Any:
 
 def refusals(text: str, schema: str) -> list[str]:
     """Return what a schema says against the text of a YAML file."""
+    import jsonschema  # three seconds of CPU time, which every process of the tests would pay
+
     rules = json.loads(files("check_jsonschema").joinpath(SCHEMAS, schema).read_text(encoding="utf-8"))
     return [error.message for error in jsonschema.Draft7Validator(rules).iter_errors(read(text))]
 

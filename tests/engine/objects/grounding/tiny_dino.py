@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import tempfile
 import warnings
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,6 @@ from typing import Any
 import onnx
 import torch
 import transformers
-from transformers.models.grounding_dino import modeling_grounding_dino
 
 SIDE, MAX_TOKENS = 96, 32
 # The model separates phrases at these ids of bert-base-uncased, so the vocabulary must use the same ids.
@@ -72,8 +73,18 @@ def _phrase_mask(ids: torch.Tensor, special_tokens: torch.Tensor) -> tuple[torch
     return mask, torch.where(inside, place[None] - before - 1, 0).clamp(min=0)
 
 
+@functools.cache
+def exported() -> bytes:
+    """Return the ONNX file of `model`, whose weights are the same each time."""
+    with tempfile.TemporaryDirectory() as folder:
+        export(model(), Path(folder) / "tiny.onnx")
+        return (Path(folder) / "tiny.onnx").read_bytes()
+
+
 def export(dino: Any, path: Path) -> None:
     """Write `dino` as ONNX with fixed 96 x 96 pixels and 32 tokens; public exports have 800 x 800 and 256."""
+    from transformers.models.grounding_dino import modeling_grounding_dino
+
     original = modeling_grounding_dino.generate_masks_with_special_tokens_and_transfer_map
     special = torch.tensor(modeling_grounding_dino.SPECIAL_TOKENS)
     for ids in ([[101, 200, 201, 1012, 102]], [[101, 200, 1012, 201, 202, 1029, 102, 0, 0]]):
