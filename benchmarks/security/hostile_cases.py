@@ -371,6 +371,8 @@ CASES: tuple[Case, ...] = (
     _transforms(ply_file_path="../precious/project/gaussians/scene.ply"),
     _edit("recorded files of an object that lead out", "objects/box/object.json", _recorded_files),
     _edit("recorded outputs of stages that lead out", "project.json", _stage_outputs),
+    _edit("key of a training that is said to go on, which leads out", "project.json",
+          lambda data: data.update(begun=["training", "../../precious/project"]), ("ask",)),
     _edit("ids in objects_by_prompt that lead out", "project.json", lambda data: data.update(objects_by_prompt=_FOUND),
           ("reconstruct-with-prompts",)),
     _edit("numbers out of all bounds", "objects/box/object.json",

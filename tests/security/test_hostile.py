@@ -12,9 +12,11 @@ import pytest
 
 from benchmarks.security.hostile_audit import watch
 from benchmarks.security.hostile_cases import CASES, HONEST, Case, Sandbox
+from benchmarks.security.hostile_engine import COMMANDS as ALL_COMMANDS
 from benchmarks.security.hostile_engine import run_case
 from benchmarks.security.hostile_packages import PACKAGES
 from benchmarks.security.tree import changed_bytes, differences, snapshot
+from engine.cli.commands import COMMANDS as ENGINE_COMMANDS
 from engine.install.models import models_folder
 
 QUICK = (
@@ -34,8 +36,26 @@ QUICK = (
     "truncated scene",
     "object without Gaussians",
 )
-COMMANDS = ("segment --complement", "export, PLY", "trash list", "trash restore", "trash empty")
+COMMANDS = (
+    "segment --complement", "edit --merge --rename", "edit --level", "edit --delete", "measure", "vocabulary learn",
+    "export, PLY", "trash list", "trash restore", "trash empty",
+)  # fmt: skip
 """Those that load no model and train nothing."""
+LEFT_OUT = {
+    "show-clicks": "it reads what `segment --click` reads, and writes nothing",
+    "turntable": "`package` makes the same pictures",
+    "plan": "it reads the photos as `reconstruct` does, and no project",
+    "batch": "it starts `reconstruct` for each folder",
+    "frames": "a video, no project",
+    "models": "no project",
+    "doctor": "no project",
+    "serve": "its own tests try hostile requests",
+    "remote": "it starts other commands on a worker",
+    "evaluate": "for developers, with their own projects",
+    "bench": "for developers, with their own projects",
+    "stability": "no project",
+}
+"""Commands that no hostile project is put through, and why."""
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="links and file names of POSIX")
 
@@ -89,6 +109,11 @@ def test_hostile_package_is_refused_and_touches_nothing(case: Case, audited: tup
 
 def test_every_quick_case_exists() -> None:
     assert set(QUICK) <= {case.name for case in CASES}
+
+
+def test_every_command_is_put_through_or_left_out_with_a_reason() -> None:
+    named = (*ALL_COMMANDS, "verify", *(command for case in CASES for command in case.commands))
+    assert {name.partition(",")[0].partition(" ")[0] for name in named} >= set(ENGINE_COMMANDS) - set(LEFT_OUT)
 
 
 def test_honest_project_is_changed_by_the_same_commands(audited: tuple[Sandbox, list[str]]) -> None:
