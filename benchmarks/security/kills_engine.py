@@ -36,7 +36,7 @@ def shorten_stages() -> None:
     SEGMENT_PRESETS[DEFAULT_PRESET] = segment
     _COMMAND.PlanSettings = partial(PlanSettings, n_mask_photos=3)
     _COMMAND.PipelineSettings = partial(PipelineSettings, segment=segment)
-    _COMMAND.MASK_PRESETS["default"] = MaskSettings(max_prompts=8, grid=0)
+    _COMMAND.MASK_PRESETS["default"] = MaskSettings(max_prompts=24, grid=0)
 
 
 def pipeline_settings(*, wants_objects: bool, prompts: tuple[str, ...]) -> PipelineSettings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,8 +22,9 @@ from .kills_process import ROOT, EngineRun
 _VIEWS = range(4, 12)
 """Neighbouring photos of the museum room, which COLMAP places."""
 _SIZE = (384, 288)
-_PROMPTS = "bell;vase"
-"""Texts that are found in them."""
+_PROMPTS = ("teapot", "hourglass")
+"""Texts that are found in them; `_FURTHER`, too."""
+_FURTHER = "jug"
 _CLICK = "view_08.jpg=160,150"
 
 
@@ -58,7 +60,7 @@ class Kind:
 
 _RECONSTRUCT = f"reconstruct {{photos}} --out {{project}} --preset {PRESET}"
 _WITHOUT_OBJECTS = f"{_RECONSTRUCT} --no-objects"
-_WITH_PROMPTS = f"{_RECONSTRUCT} --prompts {_PROMPTS}"
+_WITH_PROMPTS = f"{_RECONSTRUCT} --prompts {';'.join(_PROMPTS)}"
 
 
 def _segment(name: str, arguments: str, share: int, *, may_repeat: bool = True) -> Kind:
@@ -81,8 +83,8 @@ KINDS = (
     Kind("objects, photos described", "objects-described", _WITH_PROMPTS, 14, "objects"),
     Kind("report", "report", _WITH_PROMPTS, 16, "report"),
     _segment("segment --click", f"--click {_CLICK} --name thing", 14),
-    _segment("segment --prompt", "--prompt jug", 8),
-    _segment("segment --refine", f"--refine bell --click {_CLICK}", 8, may_repeat=False),
+    _segment("segment --prompt", f"--prompt {_FURTHER}", 8),
+    _segment("segment --refine", f"--refine {_PROMPTS[1]} --click {_CLICK}", 8, may_repeat=False),
     _segment("segment --complement", "--complement", 6),
     _export("PLY"),
     _export("GLB"),
@@ -172,10 +174,10 @@ class Fixture:
         for stage in ("masks", "training"):
             self._run_until(stage)
         self._run_until("")
-        prompts = tuple(_PROMPTS.split(";"))
         for stage in ("objects", "report"):
-            self._run_until(stage, prompts=prompts)
-        self._run_until("", prompts=prompts)
+            self._run_until(stage, prompts=_PROMPTS)
+        self._run_until("", prompts=_PROMPTS)
+        require_objects(self._work, _PROMPTS)
         described = self.folder / "states" / "objects-described"
         shutil.copytree(self.folder / "states" / "objects", described)
         for cache in ("groups", "masks"):
@@ -215,6 +217,15 @@ class Fixture:
         exported = next((file.read_bytes() for file in folder.glob("exported.*")), b"")
         scene = scene_of(project) if kind.reconstructs else {}
         self.references[kind.name] = Reference(project, seconds, scene, objects_of(project), exported)
+
+
+def require_objects(project: Path, texts: Sequence[str]) -> None:
+    """Raise RuntimeError unless each text has found an object: without objects, no kill could lose one."""
+    stored = objects_of(project)
+    if missing := [text for text in texts if text not in stored]:
+        raise RuntimeError(
+            f"The photos of the kills show no {', no '.join(missing)}. Choose other texts in {__name__}."
+        )
 
 
 def _write_colmap_model(cameras: Path, folder: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.security.kills_checks import damaged_files, files_of, leftovers, objects_of, opened_copy
+from benchmarks.security.kills_fixture import require_objects
 from benchmarks.security.kills_process import wait_for_write
 from tests.conftest import PATIENCE
 from tests.engine.command_line import call, start
@@ -38,6 +39,13 @@ def project(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Path:
     made = write_finished_project(tmp_path)
     assert call(capsys, "segment", made, "--complement").code == 0
     return made
+
+
+def test_kills_are_not_made_in_a_project_without_the_objects_that_a_kill_could_lose(tmp_path: Path) -> None:
+    made = write_finished_project(tmp_path)
+    require_objects(made, ("teapot", "box"))
+    with pytest.raises(RuntimeError, match="no bell"):
+        require_objects(made, ("teapot", "bell"))
 
 
 @pytest.mark.parametrize("number", [1, 2, 4])
