@@ -79,7 +79,7 @@ class Coverage:
     def of_places(self, places: NDArray[np.floating]) -> NDArray[np.int32]:
         """Return how many training photos see each of `places`, [P, 3], shape [P]."""
         counts, wide = np.zeros(len(places), np.int32), places.astype(np.float64)
-        for seen in self._threads.map(lambda one: _sees(*one, wide), self._seen):
+        for seen in self._threads.map(lambda one: _sees(one[0], one[1], wide), self._seen):
             counts += seen
         return counts
 
@@ -105,8 +105,9 @@ class Coverage:
 def _scene_on_card(values: dict[str, torch.Tensor]) -> GpuScene:
     """Return the Gaussians on the card, where they stay for the depth maps of all cameras."""
     with torch.no_grad():
-        arrays = (values["means"], values["quats"], values["log_scales"].exp(), values["opacity_logits"].sigmoid())
-        return scene_on_card(*(array.detach().numpy() for array in arrays), values["sh_dc"].detach().numpy())
+        scales, opacities = values["log_scales"].exp(), values["opacity_logits"].sigmoid()
+    means, quats, colors = (values[name].detach().numpy() for name in ("means", "quats", "sh_dc"))
+    return scene_on_card(means, quats, scales.detach().numpy(), opacities.detach().numpy(), colors)
 
 
 def _sees(camera: PinholeCamera, surface: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.bool_]:
