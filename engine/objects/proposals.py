@@ -6,7 +6,7 @@ Five measurements say how likely a set is an object, and in `looks` how it looks
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +86,9 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     graph = context.graph
     pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
     segments = np.flatnonzero((pixels >= MIN_VISIBLE_PIXELS) & graph.is_segment)
-    solved, kept = _solved(context, segments, build_groups(context.views))
+    # One thread groups while others solve segments.
+    with ThreadPoolExecutor(1) as beside:
+        solved, kept = _solved(context, segments, beside.submit(build_groups, context.views))
     of_segments = kept < len(segments)
     shown = graph.shown(solved)
     best = graph.iou(solved, solved[of_segments])
@@ -177,13 +179,13 @@ def _first_alike(iou: Float32, least: float) -> Int32:
     return first
 
 
-def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tuple[csr_matrix, Int64]:
+def _solved(context: SegmentationContext, segments: Int64, grouping: Future[Mask]) -> tuple[csr_matrix, Int64]:
     """Return the Gaussians that segments and groups lead to, [K, N], without empty sets, and the number of each."""
-    graph, count = context.graph, len(segments) + len(groups)
+    graph, passed = context.graph, len(segments)
 
-    def solved(start: int) -> csr_matrix:
+    def solved(start: int, groups: Mask) -> csr_matrix:
         context.check_stop()
-        stop, passed = start + _SETS_TOGETHER, len(segments)
+        stop = start + _SETS_TOGETHER
         together = groups[max(0, start - passed) : max(0, stop - passed)].T
         votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
         both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
@@ -194,9 +196,18 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
     rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]
     # NumPy and SciPy leave the interpreter to the other threads while they compute.
     with ThreadPoolExecutor(len(usable_cores())) as pool:
-        for part in pool.map(solved, range(0, count, _SETS_TOGETHER)):
-            rows.append(part)
-            context.tell(min((len(rows) - 1) * _SETS_TOGETHER / count, 1), "Looking for objects")
+        whole, nothing = passed - passed % _SETS_TOGETHER, np.zeros((0, len(context.means)), bool)
+        begun = [pool.submit(solved, start, nothing) for start in range(0, whole, _SETS_TOGETHER)]
+        try:
+            groups = grouping.result()
+            count = passed + len(groups)
+            begun += [pool.submit(solved, start, groups) for start in range(whole, count, _SETS_TOGETHER)]
+            for part in begun:
+                rows.append(part.result())
+                context.tell(min((len(rows) - 1) * _SETS_TOGETHER / count, 1), "Looking for objects")
+        finally:
+            for part in begun:
+                part.cancel()  # what has not begun when the user stops
     sets = csr_matrix(vstack(rows))
     kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
     return sets[kept], kept
