@@ -358,6 +358,7 @@ def training_stage(
             )
         with part("first Gaussians"):
             start = start_gaussians(given.camera_set, views, settings, emit=runner.emit)
+            background = background_gaussians(given.camera_set.points, views, settings)
         device = find_device()
         words = device_words(device.name, device.reason)
         runner.emit(Progress("training", 0.0, message=f"training on {words}"))
@@ -369,7 +370,7 @@ def training_stage(
                 checkpoints=checkpoints / key[:12],
                 emit=runner.emit,
                 should_stop=runner.should_stop,
-                background=background_gaussians(given.camera_set.points, views, settings),
+                background=background,
             )
         except EnvironmentProblem as problem:
             raise training_stopped(device, problem) from problem

@@ -9,13 +9,15 @@ explain what a single photo shows. See docs/training.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..core.arrays import Float64, Floats
+from ..core.arrays import Float32, Float64, Floats
+from ..core.system import usable_cores
 from ..scene import Gaussians, PinholeCamera
 from . import gaussians_at
 from .settings import TrainingSettings
@@ -44,6 +46,9 @@ MAX_DEVIATION = 10.0  # chosen on sakharov_statue32, skull66, banana16
 MIN_BRIGHTNESS = 40.0
 """Smallest brightness of the background, of 255, as for pixels that count as dark when they are rendered black."""
 
+_LOOKED_AT_TOGETHER = 4
+"""Photos that are looked at at the same time. One of 1600 x 1200 pixels takes 80 MB."""
+
 
 def background_gaussians(points: Floats, views: Sequence[TrainingView], settings: TrainingSettings) -> Gaussians:
     """Return the Gaussians of the sphere that appear in plain areas of training photos, with their median colours.
@@ -65,12 +70,17 @@ def background_gaussians(points: Floats, views: Sequence[TrainingView], settings
     radius = RADIUS * scene_extent(cameras)
     places = np.mean([camera.center for camera in cameras], axis=0) + radius * _directions(settings.growth.n_background)
     colors = np.full((len(training), len(places), 3), np.nan, np.float32)
-    for seen, view in zip(colors, training, strict=True):
+
+    def look(seen: Float32, view: TrainingView) -> None:
         mean, plain = _plain(view)
         rows, pixels = _uncovered(places, points, view.pinhole)
         x, y = pixels.astype(int).T
         rows, x, y = (values[plain[y, x]] for values in (rows, x, y))
         seen[rows] = mean[y, x]
+
+    with ThreadPoolExecutor(min(_LOOKED_AT_TOGETHER, len(usable_cores()))) as threads:
+        for _ in threads.map(look, colors, training):
+            pass
     kept = np.isfinite(colors[..., 0]).any(axis=0)
     medians = np.nanmedian(colors[:, kept], axis=0).astype(np.float64)
     values = initial_values(settings, opacity=OPACITY)
