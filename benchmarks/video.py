@@ -155,7 +155,7 @@ def object_pictures(project: ProjectFolder, export: Export) -> list[np.ndarray]:
 def side_by_side(export: Export, mesh: Mesh, camera: PinholeCamera) -> np.ndarray:
     """Return one picture of the film: splats, mesh, and what they are."""
     paper = np.array(PAPER_WHITE)
-    splats = render_alone(replace(export.gaussians, features=None), camera)
+    splats = render_alone(Scene(replace(export.gaussians, features=None)), camera)
     drawn = np.round(255 * draw_mesh(mesh, camera, background=paper)).astype(np.uint8)
     picture = np.full((HEIGHT, WIDTH, 3), np.round(255 * paper), np.uint8)
     top, half = (HEIGHT - OBJECT_SIDE) // 2, WIDTH // 2

@@ -170,21 +170,22 @@ def _lock_project(folder: Path) -> object:
     return True
 
 
-def _collect_facts(folder: Path) -> object:
+def _collect_facts(folder: Path, *, draws: bool = True) -> object:
     """Write the page of the report with its plot, which takes a second."""
     from engine.core.language import languages
     from engine.delivery.report.facts import collect_facts
     from engine.delivery.report.page import Pictures, page
+    from engine.delivery.report.plots import error_curve
     from engine.project.folder import ProjectFolder
 
-    return page(collect_facts(ProjectFolder.open_existing(folder)), Pictures(), languages()[-1])
+    facts, language = collect_facts(ProjectFolder.open_existing(folder)), languages()[-1]
+    measured = facts["training"].get("curve") or []
+    curves = {language.code: error_curve(measured, language.translated)} if draws else {}
+    return page(facts, Pictures(curves=curves), language)
 
 
 def _collect_facts_without_plot(folder: Path) -> object:
-    from engine.delivery.report import page
-
-    with mock.patch.object(page, "error_curve", lambda *_, **__: b""):
-        return _collect_facts(folder)
+    return _collect_facts(folder, draws=False)
 
 
 def _write_reported_project(folder: Path) -> None:

@@ -84,10 +84,10 @@ def turn_of_object(
     """
     (seen_from,) = best_seen_from(Scene(whole, backend=backend), [members], cameras)
     sides = orbit_cameras(gaussians.means, seen_from, count=N_PICTURES, side=_OBJECT_SIDE)
-    pictures = []
+    alone, pictures = Scene(gaussians, backend=backend), []
     for side in sides:
         _stop_if(should_stop)
-        pictures.append(render_alone(gaussians, side, backend=backend))
+        pictures.append(render_alone(alone, side))
     steps = [_degrees_between(a, b) for a, b in zip(sides, sides[1:], strict=False)]
     # A full turn is divided evenly, so that the step from the last picture to the first is as large as the others.
     closed = _degrees_between(sides[-1], sides[0]) < 1.5 * steps[0]

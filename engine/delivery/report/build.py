@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +26,7 @@ from ...scene import Camera, Gaussians
 from ...training import Coverage, Parameters
 from .facts import collect_facts
 from .page import Pictures, page
+from .plots import error_curve
 from .sheet import picture_sheet
 from .views import (
     PhotoPair,
@@ -70,6 +73,29 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
         When a part of the project is damaged.
     """
     facts = collect_facts(project, title=title)
+    measured = facts["training"].get("curve") or []
+    with ThreadPoolExecutor(1) as beside:
+        # One core draws the curves while pictures are rendered.
+        drawn = {one.code: beside.submit(error_curve, measured, one.translated) for one in languages()}
+        pictures = _pictures(project, facts, backend)
+        with part("drawing curves"):
+            pictures = replace(pictures, curves={code: one.result() for code, one in drawn.items()})
+    folder = project.path / "report"
+    names = {record["id"]: str(record["name"]) for record in facts["objects"]}
+    sheet = picture_sheet([(names[key], sides) for key, sides in pictures.objects.items()])
+    if sheet is not None:
+        write_png(folder / SHEET_FILE, sheet, description="Every object from four sides")
+    else:
+        delete_derived(folder, SHEET_FILE)
+    write_json(folder / "report.json", finite_or_null(facts))
+    pages = {report_file(project.path, language.code): language for language in languages()}
+    for path, language in pages.items():
+        write_file(path, page(facts, pictures, language))
+    return list(pages)
+
+
+def _pictures(project: ProjectFolder, facts: dict[str, Any], backend: Backend) -> Pictures:
+    """Return the pictures of a scene, none of one that is not trained, and measure its features if that is missing."""
     pictures = Pictures()
     if project.stage_record("training") is not None:
         from ...scene import read_camera_set
@@ -85,18 +111,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu", title: str
             held_out = _held_out_pairs(project, cameras, training, gaussians, backend)
         with part("pictures of objects"):
             pictures = Pictures(held_out, _object_pictures(project, cameras, gaussians, backend))
-    folder = project.path / "report"
-    names = {record["id"]: str(record["name"]) for record in facts["objects"]}
-    sheet = picture_sheet([(names[key], sides) for key, sides in pictures.objects.items()])
-    if sheet is not None:
-        write_png(folder / SHEET_FILE, sheet, description="Every object from four sides")
-    else:
-        delete_derived(folder, SHEET_FILE)
-    write_json(folder / "report.json", finite_or_null(facts))
-    pages = {report_file(project.path, language.code): language for language in languages()}
-    for path, language in pages.items():
-        write_file(path, page(facts, pictures, language))
-    return list(pages)
+    return pictures
 
 
 def _held_out_pairs(
@@ -118,11 +133,16 @@ def _held_out_pairs(
     values = Parameters.from_gaussians(gaussians, sh_degree=degree, features=False).values
     coverage = Coverage(values, seeing, backend=backend)
     pairs = {}
-    for name in picked:
-        try:
-            pairs[name] = photo_pair(folder, cameras[name], gaussians, coverage, backend=backend)
-        except (PhotoError, FormatError) as error:
-            _LOG.warning("The report shows no picture of %s: %s", name, error)
+    with ThreadPoolExecutor(_MAX_PAIRS) as threads:
+        begun = {
+            name: threads.submit(photo_pair(folder, cameras[name], gaussians, coverage, backend=backend))
+            for name in picked
+        }
+        for name, pair in begun.items():
+            try:
+                pairs[name] = pair.result()
+            except (PhotoError, FormatError) as error:
+                _LOG.warning("The report shows no picture of %s: %s", name, error)
     return pairs
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from ...core.language import Language, Translate
 from ...core.stage_names import STAGE_NAMES
 from .markup import Html, fill, joined
-from .plots import error_curve
 from .style import STYLE
 from .views import PhotoPair
 
@@ -47,10 +46,13 @@ class Pictures:
         Pairs by photo name.
     objects : dict of str to list of uint8 arrays [H, W, 3]
         Pictures by object id.
+    curves : dict of str to str
+        What `error_curve` draws, by code of the language.
     """
 
     held_out: dict[str, PhotoPair] = field(default_factory=dict)
     objects: dict[str, list[NDArray[np.uint8]]] = field(default_factory=dict)
+    curves: dict[str, str] = field(default_factory=dict)
 
 
 def page(facts: dict[str, Any], pictures: Pictures, language: Language) -> str:
@@ -72,7 +74,7 @@ def page(facts: dict[str, Any], pictures: Pictures, language: Language) -> str:
         _head(facts, t),
         _objects(facts, pictures, t),
         _held_out(facts, pictures, t),
-        _curve(facts, t),
+        _curve(facts, pictures.curves.get(language.code, ""), t),
         _stages(facts, t),
         _plan(facts, t),
         _photos(facts, t),
@@ -183,10 +185,10 @@ def _held_out(facts: dict[str, Any], pictures: Pictures, t: Translate) -> Html:
     return _section(t("Photo and scene"), fill('<p>{}</p><div class="pairs">{}</div>', text, rows))
 
 
-def _curve(facts: dict[str, Any], t: Translate) -> Html:
+def _curve(facts: dict[str, Any], curve: str, t: Translate) -> Html:
     training = facts["training"]
     # Drawn from numbers only.
-    svg = Html(error_curve(training.get("curve") or [], t))
+    svg = Html(curve)
     if not svg:
         return Html()
     table = [

@@ -11,8 +11,7 @@ import numpy as np
 from ...core.arrays import Pixels
 from ...core.visible_text import visible
 from ...pictures import Scene
-from ...rasterizer.settings import Backend
-from ...scene import Gaussians, PinholeCamera
+from ...scene import PinholeCamera
 
 PAPER_WHITE = (0.965, 0.957, 0.937)
 """Background of objects, sRGB in [0, 1]: the colour of the page."""
@@ -30,21 +29,20 @@ _CAPTION_COLOR = (60, 56, 50)
 """Colour of captions, sRGB, 0 to 255."""
 
 
-def render_alone(gaussians: Gaussians, camera: PinholeCamera, *, backend: Backend = "cpu") -> Pixels:
+def render_alone(scene: Scene, camera: PinholeCamera) -> Pixels:
     """Return a picture of Gaussians on the colour of paper with a clean edge, uint8 [H, W, 3].
 
     Parameters
     ----------
-    gaussians : Gaussians
-        Those of the object.
-    backend : {"cpu", "gpu", "reference"}
+    scene : Scene
+        The Gaussians of the object alone, for all of its pictures.
 
     Notes
     -----
     Alpha below 0.3 becomes background, alpha above 0.7 opaque. Connected areas smaller than a hundredth of the largest
     one are removed.
     """
-    rendered = Scene(gaussians, backend=backend).render(camera, color=True)
+    rendered = scene.render(camera, color=True)
     alpha = rendered.alpha
     step = np.clip((alpha - _MIN_ALPHA) / (_FULL_ALPHA - _MIN_ALPHA), 0, 1)
     edge = step * step * (3 - 2 * step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,8 +57,8 @@ class PhotoPair:
 
 def photo_pair(
     folder: Path, camera: Camera, gaussians: Gaussians, coverage: Coverage, *, backend: Backend = "cpu"
-) -> PhotoPair:
-    """Return a photo and its render.
+) -> Callable[[], PhotoPair]:
+    """Render what a photo shows, and return what reads the photo and returns both, which any thread may call.
 
     Parameters
     ----------
@@ -71,19 +71,23 @@ def photo_pair(
     Raises
     ------
     PhotoError
-        When the photo can no longer be read.
+        By what is returned, when the photo can no longer be read.
     FormatError
-        When its name leads out of the folder.
+        By the same, when its name leads out of the folder.
     """
     from ...photos import load_pixels
 
     frame = training_pinhole(camera, max_side=_PAIR_SIDE)
-    pixels = load_pixels(path_within(folder, camera.photo), max_side=2 * _PAIR_SIDE)
-    photo = np.asarray(undistort(pixels, camera, frame, interpolation="linear"), np.uint8)
-    render = render_view(gaussians, frame, backend=backend)
-    pale = np.repeat((render.mean(axis=2, keepdims=True) / 3 + _PALE).astype(np.uint8), 3, axis=2)
-    few = coverage.counts(frame) < WELL_SEEN
-    return PhotoPair(photo, render, np.where(few[..., None], pale, render))
+    render, count = render_view(gaussians, frame, backend=backend), coverage.counting(frame)
+
+    def pair() -> PhotoPair:
+        pixels = load_pixels(path_within(folder, camera.photo), max_side=2 * _PAIR_SIDE)
+        photo = np.asarray(undistort(pixels, camera, frame, interpolation="linear"), np.uint8)
+        pale = np.repeat((render.mean(axis=2, keepdims=True) / 3 + _PALE).astype(np.uint8), 3, axis=2)
+        few = count() < WELL_SEEN
+        return PhotoPair(photo, render, np.where(few[..., None], pale, render))
+
+    return pair
 
 
 def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: Sequence[Camera]) -> list[list[Camera]]:
@@ -196,8 +200,8 @@ def orbit_pictures(
     """Return pictures of an object alone from several sides, each uint8 [H, W, 3]; none without Gaussians."""
     if len(gaussians) == 0:
         return []
-    sides = orbit_cameras(gaussians.means, cameras)
-    return [render_alone(gaussians, camera, backend=backend) for camera in sides]
+    scene, sides = Scene(gaussians, backend=backend), orbit_cameras(gaussians.means, cameras)
+    return [render_alone(scene, camera) for camera in sides]
 
 
 def measure_feature_agreement(

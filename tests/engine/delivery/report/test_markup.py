@@ -48,4 +48,4 @@ def test_page_puts_values_into_html_by_fill_only() -> None:
         and not isinstance(node.args[0], ast.Constant)
     ]  # fmt: skip
     # Constants of the program, and a drawing of numbers.
-    assert set(trusted) == {"STYLE", "error_curve(training.get('curve') or [], t)"}
+    assert set(trusted) == {"STYLE", "curve"}
