@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from .. import __version__
 from ..core.errors import EnvironmentProblem, HeritageError
 from ..core.system import describe_system, total_memory, usable_cores
 
@@ -61,7 +62,7 @@ def missing_package(name: str | None) -> EnvironmentProblem:
 
 def examine() -> list[Check]:
     """Return the results of all checks, in the order in which they are shown."""
-    checks = [_python()]
+    checks = [Check("Gaussian Heritage", True, False, __version__), _python()]
     checks += [_package(module, distribution) for module, distribution in _REQUIRED_PACKAGES.items()]
     if all(check.ok for check in checks):
         checks += [_gpu(), _encoding(), *_models()]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from engine import __version__
 from engine.cli import doctor
 from engine.cli.doctor import examine
 from engine.cli.main import main
@@ -26,7 +27,9 @@ def test_doctor_answers_programs_in_json(capsys: pytest.CaptureFixture[str]) -> 
     (line,) = capsys.readouterr().out.splitlines()
     finished = json.loads(line)
     assert finished["kind"] == "finished"
-    assert {check["name"] for check in finished["outputs"]["checks"]} >= {"torch", "pycolmap", "disk space here"}
+    found = {check["name"]: check["detail"] for check in finished["outputs"]["checks"]}
+    assert found.keys() >= {"torch", "pycolmap", "disk space here"}
+    assert found["Gaussian Heritage"] == __version__
 
 
 def test_missing_model_file_is_named_with_the_command(
