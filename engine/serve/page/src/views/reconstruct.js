@@ -24,7 +24,7 @@ export function createReconstruct(context, photos) {
     times.set(preset, time);
     return h("label", { class: "choice" }, input, h("span", null, h("strong", null, t(label)), h("span", { class: "hint" }, t(description)), time));
   });
-  const masks = createOption(t("Mask the background"), t("For an object on a turntable before a background that stands still."));
+  const masks = createOption(t("Leave out the background"), t("For an object on a turntable before a background that stands still."));
   const fisheye = createOption(t("Fisheye lens"), t("As of action cameras: straight edges look bent."));
   const light = createOption(t(session.light.label), `${t(session.light.description)}.`);
   const button = h("button", { type: "button", class: "main large", onclick: () => during(button, start) }, t("Reconstruct"));
