@@ -31,7 +31,7 @@ _INFO = "bundle.json"
 _SCHEMA = {"version": int, "platform": str, "python": str, "torch": str, "files": {str: str}}
 _VERSION = 1
 _MAX_INFO_BYTES = 1 << 20
-_ADVICE = "Copy it again, or make it again with `make offline-bundle`."
+_ADVICE = "Copy it again, or ask for another one, which `make offline-bundle` makes."
 _CHUNK = 1 << 20
 
 
@@ -84,8 +84,8 @@ class Bundle:
         """Raise `EnvironmentProblem` when the bundle is for another kind of computer."""
         if self.platform != package_system():
             raise EnvironmentProblem(
-                f"{self.file} is for {self.platform}, and this computer is {package_system()}. Make a bundle for it: "
-                "`make offline-bundle SYSTEM=windows`, macos or linux, on any computer."
+                f"{self.file} is for {self.platform}, and this computer is {package_system()}. Choose the bundle "
+                "for it, or ask for it: `make offline-bundle SYSTEM=windows`, macos or linux, makes it anywhere."
             )
 
     def unpack(self, folder: Path, emit: Emit) -> None:
