@@ -99,7 +99,7 @@ fuzz: setup ## damaged inputs to every reader for FUZZ_S seconds, on Linux; writ
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
 	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md
 
-lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
+lock: ## write all locked-*.txt with hashes, in requirements and engine/install/environment; needs uv and the network
 	$(PYTHON) scripts/lock_requirements.py
 
 licences: page ## docs/licences.md from the locked files, after `make lock`; needs the network
