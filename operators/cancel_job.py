@@ -8,7 +8,7 @@ from ..gaussian_heritage_addon.jobs import job_runner
 
 
 class HERITAGE_OT_cancel_job(bpy.types.Operator):
-    """Stop the running job. Start the same import again to resume it"""
+    """Stop the running job. What is finished is kept, and Continue goes on from there"""
 
     bl_idname = "heritage.cancel_job"
     bl_label = "Cancel"
