@@ -64,7 +64,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     )
     cameras: str = StringProperty(
         name="Known Cameras",
-        description="Known cameras of COLMAP, nerfstudio, Metashape or RealityCapture; empty: estimate the cameras",
+        description="Known cameras of COLMAP, nerfstudio, Metashape, RealityCapture or Bundler; empty: estimate them",
         subtype="FILE_PATH",
         options={"SKIP_SAVE"},
     )

@@ -136,7 +136,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         "--cameras",
         type=Path,
         help="cameras to use instead of estimating them: a COLMAP model or a project with one, transforms.json, or the "
-        "export of Metashape (XML) or RealityCapture (CSV, XMP)",
+        "export of Metashape (XML), RealityCapture (CSV, XMP) or Bundler (bundle.out)",
     )
     parser.add_argument(
         "--photo-masks",
