@@ -463,7 +463,6 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         _STANDARD.changed(
             steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2,  # chosen on museum_room
             sh_interval=4000, grow_interval=240, lr_means_end=4e-6, lr_end=0.1,  # chosen on museum_room
-            checkpoint_interval=200,
         ),
     ),
     TrainingPreset(
