@@ -58,77 +58,10 @@ EDGE_WIDTH = 2
 _NEEDLE = 5.0
 """Ratio of the longest to the middle scale from which on a Gaussian is a needle."""
 
-_INTRODUCTION = """# Detail: objects before and after
-
-*Detail* (``python -m engine segment PROJECT --detail vase``) trains the Gaussians of an object further on the
-parts of the training photos that show it, at the photos' own resolution. The scene stays as it is.
-
-![A vase in the scene, with detail, and in a test photo](pictures/detail.jpg)
-
-The picture shows the vase of the museum room alone, as it is in the scene and with detail, and a test photo:
-``python -m benchmarks.detail out/museum_room/project --only vase --picture docs/pictures/detail.jpg``. Its foot is
-missing because the word did not find it.
-
-- A step compares a window of one photo with the object's Gaussians, drawn together with those of the rest of the scene,
-  which are frozen: so background and occluders are explained. The loss is that of the scene, L1 and D-SSIM, with the
-  photo's brightness factors, in the pixels to which the object contributes. The object alone on black is compared
-  with the photo too, inside of its outline, and its coverage with the share of each pixel that it has in the scene.
-  Where it covers more than that and has the photo's colours, it stays, because others show there what it shows too.
-  Else it is a spike or a veil, and goes.
-- The first quarter of the steps compares whole photos of the object, reduced; later ones compare windows of 160 x 160
-  pixels. Photos are read at their own size, unless the steps are too few to compare each pixel of the object four
-  times, or all crops have more than 160 million pixels: then they are read smaller, which the record says, but not
-  below crops of 600,000 pixels. Windows that a step sees once are fitted to that photo: with 1,500 steps on photos of
-  12 megapixels, the test photos lose 0.5 dB.
-- Members that the photos show beside the object are left out: of a Gaussian, at least half of what the photos show must
-  lie where the object makes up more than half of a pixel. A few large Gaussians of a wall or floor make most of the
-  haze ([notes](design_notes/objects.md)). Of the pixels that a Gaussian has in the object drawn alone, the photos must
-  show half, or half must lie inside of the outline: what a floor hides is left out too. They stay in the scene, frozen,
-  and the outline is still that of all members, so that the others grow to where they are needed.
-- Gaussians are split where the error of the object is: up to one for 8 pixels of its surface, one for 100 pixels that
-  the steps compare, 300,000, and six times as many as before, or more where the photos are finer than those that the
-  scene was trained on. Above 400,000 pixels in a photo, an object gets more steps, by the root of its pixels, up to
-  three times as many. Each follows the Gaussian of the scene that it was split from, so *Threshold*, *Part to Whole*,
-  corrections and edits by hand go on working. None may be a needle, reach far, or leave the object's box.
-- The test photos decide, where they do not mostly show what was left out. An object is kept if it is closer to them
-  than before, or equally close and covers a tenth less outside of its outline. Covering half as much there outweighs
-  0.15 dB, a quarter twice as much, up to 0.4 dB. If it is not kept, the same is asked of the object without what was
-  left out, untrained. Else it stays as it is, which its record says (``detail`` in ``object.json``). Other photos
-  cannot decide: the scene was trained on them, so they favour the object as it is. They do, more strictly, only where
-  no test photo shows the object. So the photos of the tables below decided one thing: whether the detail is kept.
-- Near and sharp photos are drawn more often. Where an object is and what hides it is seen in maps of 600,000 pixels at
-  most: the scene, trained on small photos, knows no more.
-- A step on the processor touches the Gaussians of its window alone. The others are caught up when a window shows them,
-  as Adam would have moved them.
-- On a graphics card that renders the scene, the steps run too, with the same windows and rates: object and scene stay
-  there, and windows are copied to it. The object alone takes the sorted lists of the picture of the whole scene. If the
-  card fails or its memory is full, a warning says so and the processor makes the steps, unless `--device gpu` demands
-  the card.
-- Segments of the photos do not correct the outlines: in the museum room they were closer to the truth than those of the
-  scene for 2 of 8 exhibits and farther for 5.
-
-## The columns
-
-Each object was found by a text prompt. It is rendered without the rest of the scene on black, from the cameras of the
-test photos at their own size. Beyond, missing and shines through are percentages of the pixels of its true mask:
-
-- beyond: coverage outside of the true mask; a half-covered pixel counts half. Pixels where the scene is closer to the
-  camera by more than a quarter of the object's radius do not count, because the object may be hidden there.
-- missing: pixels of the true mask that the object covers by half or less. Detail cannot add what the prompt did not
-  find, and PSNR counts these pixels as black.
-- shines through: mean transmittance of the object over the pixels of the true mask that are more than 2 pixels from its
-  edge. The hourglass is made of glass, so its value is not zero.
-- PSNR: between the object and the photo, over the same pixels.
-- sharp: gradient energy over that of the photo, in the same pixels, in percent.
-- needles: Gaussians longer than five times their middle axis, in percent.
-
-Seconds are those of detail alone: of the processor, on one thread, or those that pass with a card. 48 photos of 800 x
-600 pixels show the museum room, which was trained at 640 pixels: larger photos gain more."""
-
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of one exhibit, see `_INTRODUCTION`."""
+    """Figures of one exhibit, see docs/detail.md."""
 
     beyond: float
     missing: float
@@ -324,9 +257,6 @@ def main() -> None:
     parser.add_argument("--title", help="of the section (default: the name of the room)")
     parser.add_argument("--only", metavar="NAME,NAME", help="measure these exhibits (default: all that were found)")
     parser.add_argument("--picture", type=Path, help="JPEG of the first exhibit: in the scene, with detail, its photo")
-    parser.add_argument(
-        "--mark", choices=tuple(MARKS), default="in sample", help="whether constants were chosen on this scene"
-    )
     parser.add_argument("--device", choices=("cpu", "gpu"), default="cpu", help="(default: %(default)s)")
     parser.add_argument("--out", type=Path, help="Markdown file for the table")
     arguments = parser.parse_args()
@@ -354,11 +284,10 @@ def main() -> None:
                 Image.fromarray(scene.picture(name, alone)).save(arguments.picture, quality=90)
     options = "" if arguments.title is None else f" --title '{arguments.title}'"
     options += "" if arguments.device == "cpu" else f" --device {arguments.device}"
-    options += "" if arguments.mark == "in sample" else f" --mark {arguments.mark}"
     without = [scene.name for scene in read if not scene.objects]
     body = "\n\n".join([
         f"`python -m benchmarks.detail {' '.join(map(str, arguments.projects))}{options}`",
-        MARKS[arguments.mark],
+        MARKS["in sample"],
         summary(before, after),
         table_of_exhibits(before, after, "CPU s" if arguments.device == "cpu" else "seconds"),
         *([f"No exhibit was found by its text in {', '.join(without)}."] if without else ()),
@@ -366,7 +295,7 @@ def main() -> None:
     sys.stdout.write(f"{body}\n")
     if arguments.out:
         title = arguments.title or ", ".join(scene.name for scene in scenes)
-        write_section(arguments.out, introduction=_INTRODUCTION, title=title, body=body)
+        write_section(arguments.out, title=title, body=body)
 
 
 def _truth_of(project: Path) -> Path:

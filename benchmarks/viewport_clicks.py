@@ -31,15 +31,8 @@ from .security.reader import addon
 
 Labels = NDArray[np.int64]
 
-_INTRODUCTION = """# Clicks in the 3D view
-
-A click in the view selects the object with the largest share in what its ray meets. Random pixels of random photos were
-clicked, each object of a photo as often as the others, and compared with the true masks. Only the rule that the largest
-share decides was chosen by these figures. The museum room is in sample for the method of objects.
-
-- objects of the true masks: each Gaussian belongs to what most of its pixels show, so that only the click is measured.
-- objects found by words: those in the project; what they lack or have too much counts as a miss.
-- beside the objects: pixels of walls, plinths and the floor, where a click must select nothing."""
+_CLICKS, _SEEDS = 100, range(5)
+"""Clicks of each row and seed."""
 
 
 @dataclass(frozen=True)
@@ -126,9 +119,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("project", type=Path)
     parser.add_argument("--truth", type=Path, required=True, help="folder with the true masks")
-    parser.add_argument("--clicks", type=int, default=100, help="clicks of each row and seed (default: %(default)s)")
-    parser.add_argument("--seeds", type=int, default=5, help="number of seeds (default: %(default)s)")
-    parser.add_argument("--title", default="museum room", help="heading of the table")
     parser.add_argument("--doc", type=Path, help="file whose section is written")
     options = parser.parse_args()
     gaussians = load_gaussians(options.project / "gaussians")
@@ -143,25 +133,20 @@ def main() -> int:
         "beside the objects": (of_masks, True, None),
         f"objects found by words ({len(found)})": (of_words, False, found),
     }
-    lines = [f"| clicks on | hits of {options.clicks}, by seed |", "| --- | --- |"]
+    lines = [f"| clicks on | hits of {_CLICKS}, by seed |", "| --- | --- |"]
     for name, (labels, beside, among) in rows.items():
         hits = [
             click_objects(
-                gaussians, labels, camera_set.cameras, truth,
-                n=options.clicks, seed=seed, beside=beside, among=among,
+                gaussians, labels, camera_set.cameras, truth, n=_CLICKS, seed=seed, beside=beside, among=among
             ).hits
-            for seed in range(options.seeds)
-        ]  # fmt: skip
+            for seed in _SEEDS
+        ]
         lines.append(f"| {name} | {', '.join(map(str, hits))} |")
     table = "\n".join(lines)
     print(table)
     if options.doc:
-        write_section(
-            options.doc,
-            title=options.title,
-            body=f"```\npython -m benchmarks.viewport_clicks {options.project} --truth {options.truth}\n```\n\n{table}",
-            introduction=_INTRODUCTION,
-        )
+        command = f"python -m benchmarks.viewport_clicks {options.project} --truth {options.truth}"
+        write_section(options.doc, title="museum room", body=f"```\n{command}\n```\n\n{table}")
     return 0
 
 
