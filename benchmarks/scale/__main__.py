@@ -9,18 +9,16 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from engine.core.engine_process import engine_command, engine_environment
 from engine.core.system import describe_machine, usable_cores, use_cores
 
 from ..documents import put_into
-from .measuring import measure_global, measure_incremental
+from .measuring import measure
 from .sets import set_of
 from .table import scale_table
 
 _SETS = "building_25,building_50,museum_room,building_150,building_300"
-_MAPPERS = {"incremental": measure_incremental, "global": measure_global}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,7 +27,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sets", default=_SETS, help="default: %(default)s")
     parser.add_argument("--cores", type=int, default=2, help="cores to use (default: %(default)s)")
     parser.add_argument("--first-core", type=int, default=0, help="number of the first of them (default: %(default)s)")
-    parser.add_argument("--no-global", action="store_true", help="leave COLMAP's global mapper out")
     parser.add_argument("--work", type=Path, default=Path("out/scale"), help="default: %(default)s")
     parser.add_argument("--doc", type=Path, help="document whose part `scale` is replaced; by default it is printed")
     parser.add_argument("--table", action="store_true", help="measure nothing")
@@ -41,8 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _measure_here(options.only, options)
     if not options.table:
         for name in options.sets.split(","):
-            for mapper in _MAPPERS if not options.no_global else ["incremental"]:
-                _measure(name, mapper, options)
+            _measure(name, options)
     text = scale_table([json.loads(file.read_text(encoding="utf-8")) for file in sorted(results.glob("*.json"))])
     if options.doc is None:
         sys.stdout.write(text)
@@ -51,26 +47,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _file_of(name: str, mapper: str, options: argparse.Namespace) -> Path:
-    return Path(options.work / "results" / f"{name}-{options.cores}-{mapper}.json")
+def _file_of(name: str, options: argparse.Namespace) -> Path:
+    return Path(options.work / "results" / f"{name}-{options.cores}.json")
 
 
-def _measure(name: str, mapper: str, options: argparse.Namespace) -> None:
+def _measure(name: str, options: argparse.Namespace) -> None:
     """Measure in a process of its own, so that its peak memory is its own and a crash of COLMAP is told."""
-    file = _file_of(name, mapper, options)
+    file = _file_of(name, options)
     if file.is_file():
         return
     command = engine_command(
-        "--only", f"{name}:{mapper}", "--cores", options.cores, "--first-core", options.first_core,
-        "--work", options.work, module="benchmarks.scale",
+        "--only", name, "--cores", options.cores, "--first-core", options.first_core, "--work", options.work,
+        module="benchmarks.scale",
     )  # fmt: skip
     done = subprocess.run(command, env=engine_environment(), check=False)
     if done.returncode:
-        sys.stderr.write(f"{name} on {options.cores} cores by the {mapper} mapper ended with {done.returncode}\n")
+        sys.stderr.write(f"{name} on {options.cores} cores ended with {done.returncode}\n")
 
 
-def _measure_here(only: str, options: argparse.Namespace) -> int:
-    name, mapper = only.split(":")
+def _measure_here(name: str, options: argparse.Namespace) -> int:
     cores = usable_cores()[options.first_core : options.first_core + options.cores]
     if len(cores) < options.cores:
         sys.stderr.write(f"This computer has no {options.cores} cores from number {options.first_core} on.\n")
@@ -78,14 +73,10 @@ def _measure_here(only: str, options: argparse.Namespace) -> int:
     photos = set_of(name, options.work)  # on all cores, where photos have to be made
     use_cores(cores)
     folder = options.work / "sfm" / f"{name}-{options.cores}"
-    if mapper == "incremental":
-        # Seconds of a run that was stopped are not known.
-        shutil.rmtree(folder, ignore_errors=True)
-    found: dict[str, Any] = _MAPPERS[mapper](photos, folder)
-    text = json.dumps(
-        {"name": name, "mapper": mapper, "cores": options.cores, "machine": describe_machine().name, **found}, indent=1
-    )
-    _file_of(name, mapper, options).write_text(text, encoding="utf-8")
+    # Seconds of a run that was stopped are not known.
+    shutil.rmtree(folder, ignore_errors=True)
+    found = {"name": name, "cores": options.cores, "machine": describe_machine().name, **measure(photos, folder)}
+    _file_of(name, options).write_text(json.dumps(found, indent=1), encoding="utf-8")
     return 0
 
 

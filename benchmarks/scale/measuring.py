@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import shutil
 import sqlite3
 import sys
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from engine.cameras import estimate_cameras
 from engine.cameras.settings import CameraSettings
@@ -57,7 +55,7 @@ class _Clock:
         self.step = step
 
 
-def measure_incremental(photos: SizedSet, folder: Path) -> dict[str, Any]:
+def measure(photos: SizedSet, folder: Path) -> dict[str, Any]:
     """Estimate the cameras as a user gets them, and return what it took and how good they are."""
     clock = _Clock()
     with PeakMemory.of() as peak:
@@ -76,56 +74,19 @@ def measure_incremental(photos: SizedSet, folder: Path) -> dict[str, Any]:
     }
 
 
-def measure_global(photos: SizedSet, folder: Path) -> dict[str, Any]:
-    """Map the matches that `measure_incremental` left in `folder` by COLMAP's global mapper.
-
-    Its focal lengths come from the fundamental matrices (`calibrate_view_graph`): it does not begin without them.
-    """
-    options = pycolmap.GlobalPipelineOptions()
-    options.random_seed = 0
-    options.num_threads = 1
-    calibration = pycolmap.ViewGraphCalibrationOptions()
-    calibration.random_seed = 0
-    out = folder / "global"
-    out.mkdir(exist_ok=True)
-    database = shutil.copyfile(folder / "database.db", out / "database.db")
-    start = time.perf_counter(), cpu_seconds()
-    with PeakMemory.of() as peak:
-        pycolmap.calibrate_view_graph(database, calibration)
-        models = pycolmap.global_mapping(database, folder / "images", out, options)
-    seconds = time.perf_counter() - start[0], cpu_seconds() - start[1]
-    names = [photo.name for photo in photos.photos.photos]
-    model = max(models.values(), key=lambda one: one.num_reg_images(), default=None)
-    found = {}
-    error = float("nan")
-    if model is not None:
-        error = model.compute_mean_reprojection_error()
-        images = [model.image(image_id) for image_id in model.reg_image_ids()]
-        found = {names[int(Path(image.name).stem)]: image.projection_center() for image in images}
-    wall = {**dict.fromkeys(STEPS, 0.0), "mapping": seconds[0]}
-    cpu = {**dict.fromkeys(STEPS, 0.0), "mapping": seconds[1]}
-    return {**_quality(found, photos), "error_px": error, "wall": wall, "cpu": cpu, "peak_bytes": peak.bytes}
-
-
-@dataclass(frozen=True)
-class _Quality:
-    n_photos: int
-    n_placed: int
-    median_error: float | None
-    largest_error: float | None
-
-
 def _quality(found: dict[str, Float64], photos: SizedSet) -> dict[str, Any]:
     """Return the photos placed, and the errors of their positions in shares of the diagonal of the true ones."""
-    count = len(photos.photos.photos)
+    quality: dict[str, Any] = {
+        "n_photos": len(photos.photos.photos), "n_placed": len(found), "median_error": None, "largest_error": None,
+    }  # fmt: skip
     known = [name for name in found if name in photos.positions]
     if len(known) < 3:
-        return asdict(_Quality(count, len(found), None, None))
+        return quality
     every = np.array(list(photos.positions.values()))
     extent = float(np.linalg.norm(np.ptp(every, axis=0)))
     true = np.array([photos.positions[name] for name in known])
     left = distances_when_aligned(np.array([found[name] for name in known]), true) / extent
-    return asdict(_Quality(count, len(found), float(np.median(left)), float(left.max())))
+    return {**quality, "median_error": float(np.median(left)), "largest_error": float(left.max())}
 
 
 def _pairs(database: Path) -> dict[str, int]:

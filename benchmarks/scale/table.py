@@ -1,4 +1,4 @@
-"""The table of all results: one row for each photo set and number of cores, one for each global mapping."""
+"""The table of all results: one row for each photo set and number of cores."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ _NOTE = """\
 Made by `python -m benchmarks.scale --doc docs/many_photos.md` (`make bench-scale`). `building_N`: the first N photos
 of a walk through a generated building, 480 x 360 pixels, with exact truth. Seconds are wall time, in brackets CPU time.
 Pairs: matched, and of these verified. Errors of the positions after the best similarity, in % of the diagonal of the
-true positions: median and largest. Memory: of the process, without those that match, which take up to 200 MB each. The
-global mapper starts from the matches of the row above. **Test**: no constant is chosen on the building; the museum room
-and real sets are **in sample**.
+true positions: median and largest. Memory: of the process, without those that match, which take up to 200 MB each.
+**Test**: no constant is chosen on the building; the museum room and real sets are **in sample**.
 """
 
 
@@ -24,9 +23,9 @@ def scale_table(results: Sequence[dict[str, Any]]) -> str:
         return "No results yet.\n"
     lines = [
         _NOTE,
-        f"| photos | mapper | cores | {' | '.join(f'{step}, s' for step in STEPS)} | all, s | pairs | placed | "
+        f"| photos | cores | {' | '.join(f'{step}, s' for step in STEPS)} | all, s | pairs | placed | "
         "position error, % | reprojection, px | memory, MB |",
-        f"| --- | --- | ---: | {'---: | ' * len(STEPS)}---: | ---: | ---: | ---: | ---: | ---: |",
+        f"| --- | ---: | {'---: | ' * len(STEPS)}---: | ---: | ---: | ---: | ---: | ---: |",
     ]
     lines += [_row(one) for one in sorted(results, key=_order)]
     lines += [
@@ -39,7 +38,7 @@ def scale_table(results: Sequence[dict[str, Any]]) -> str:
 
 
 def _order(one: dict[str, Any]) -> tuple[Any, ...]:
-    return not one["name"].startswith("building"), one["n_photos"], one["name"], one["cores"], one["mapper"] == "global"
+    return not one["name"].startswith("building"), one["n_photos"], one["name"], one["cores"]
 
 
 def _row(one: dict[str, Any]) -> str:
@@ -50,7 +49,7 @@ def _row(one: dict[str, Any]) -> str:
     if one["median_error"] is not None:
         error = f"{100 * one['median_error']:.3f}, {100 * one['largest_error']:.3f}"
     cells = [
-        one["name"], one["mapper"], str(one["cores"]), *steps, total, pairs, f"{one['n_placed']} of {one['n_photos']}",
+        one["name"], str(one["cores"]), *steps, total, pairs, f"{one['n_placed']} of {one['n_photos']}",
         error, f"{one['error_px']:.2f}", f"{one['peak_bytes'] / 1e6:.0f}" if one["peak_bytes"] else "unknown",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
@@ -63,7 +62,7 @@ def _growth(results: Sequence[dict[str, Any]]) -> list[str]:
         sizes = [
             (one["n_photos"], sum(one["wall"].values()), sum(one["cpu"].values()))
             for one in results
-            if one["cores"] == cores and one["mapper"] == "incremental" and one["name"].startswith("building")
+            if one["cores"] == cores and one["name"].startswith("building")
         ]
         if len(sizes) < 2:
             continue

@@ -48,7 +48,7 @@ def test_table_tells_time_by_step_errors_and_growth() -> None:
     def result(count: int, seconds: float) -> dict[str, object]:
         steps = dict.fromkeys(STEPS, seconds)
         return {
-            "name": f"building_{count}", "mapper": "incremental", "cores": 2, "machine": "a computer",
+            "name": f"building_{count}", "cores": 2, "machine": "a computer",
             "n_photos": count, "n_placed": count - 1, "median_error": 0.0005, "largest_error": 0.002, "n_pairs": 200,
             "n_verified": 150, "error_px": 0.25, "wall": steps, "cpu": steps, "peak_bytes": 400_000_000,
         }  # fmt: skip
