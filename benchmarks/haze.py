@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,15 +39,13 @@ from engine.quality.evaluation.settings import MARKS
 from engine.rasterizer.settings import Backend
 from engine.scene import Gaussians, PinholeCamera
 
+from .camera_health.box_room import looking_along
 from .detail import share_of_needles
+from .places import run_room_script
 from .rooms.drawn import drawn_from
 from .rooms.draws import CHOOSING_ROOMS
 from .rooms.keeping import unpack_kept
-
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "scripts"))
-
-from places import python_of  # noqa: E402
+from .training.off_path_views import raised
 
 _TITLE = "Views that no photo has"
 _TEXT = """\
@@ -65,9 +62,6 @@ _SIDE = 256
 """Width and height of the views, in pixels."""
 _N_DIRECTIONS = 8
 """Photos of the directions."""
-_RAISED = 20.0
-"""Degrees by which views from above are higher than their photo; none looks down steeper than `_STEEPEST`."""
-_STEEPEST = 80.0
 _DISTANCES = (0.5, 1.5)
 """Distances of the other views, relative to those of their photos."""
 _FILLS = 1 / 3
@@ -125,25 +119,16 @@ def unseen_frames(views: Views, members: Mask) -> Iterator[PinholeCamera]:
     for camera in spread_cameras(views.facing(middle), _N_DIRECTIONS):
         rotation, shift = camera.viewmat[:3, :3], camera.viewmat[:3, 3]
         offset = -rotation.T @ shift - middle
-        distance, flat = float(np.linalg.norm(offset)), float(np.linalg.norm(offset[:2]))
-        height = np.radians(min(np.degrees(np.arctan2(offset[2], flat)) + _RAISED, _STEEPEST))
-        raised = np.array([*(offset[:2] / flat * np.cos(height)), np.sin(height)]) * distance
-        for one in (raised, *(offset * factor for factor in _DISTANCES)):
+        for one in (raised(offset), *(offset * factor for factor in _DISTANCES)):
             eye = one * max(1.0, _MIN_DISTANCE * radius / float(np.linalg.norm(one)))
             yield _looking_at(middle + eye, middle, radius)
 
 
 def _looking_at(eye: Float64, middle: Float64, radius: float) -> PinholeCamera:
     """Return a view from `eye` that an object of this radius fills as `_FILLS` says. Z is up."""
-    forward = (middle - eye) / np.linalg.norm(middle - eye)
-    right = np.cross(forward, (0, 0, 1))
-    right /= np.linalg.norm(right)
-    viewmat = np.eye(4)
-    viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    viewmat[:3, 3] = -viewmat[:3, :3] @ eye
     focal = _FILLS * _SIDE / 2 * float(np.linalg.norm(middle - eye)) / radius
     K = np.array([[focal, 0, _SIDE / 2], [0, focal, _SIDE / 2], [0, 0, 1]])
-    return PinholeCamera(viewmat, K, _SIDE, _SIDE)
+    return PinholeCamera(looking_along(eye, middle - eye), K, _SIDE, _SIDE)
 
 
 def silhouettes(room: Path, exhibits: Sequence[Exhibit], original_from_world: Float64) -> dict[str, list[Mask]]:
@@ -169,10 +154,7 @@ def silhouettes(room: Path, exhibits: Sequence[Exhibit], original_from_world: Fl
     with tempfile.TemporaryDirectory() as name:
         file, out = Path(name) / "cameras.json", Path(name) / "silhouettes"
         file.write_text(json.dumps({"side": _SIDE, "views": views}), encoding="utf-8")
-        script = ROOT / "demo" / "random_rooms" / "make_silhouettes.py"
-        command = [str(one) for one in (python_of("blender-4.5"), script, "--cameras", file, "--out", out)]
-        command += made
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        run_room_script("make_silhouettes.py", "--cameras", file, "--out", out, *made)
         return {
             one.name: [
                 np.asarray(Image.open(out / f"{one.name}_{number}.png")) > 0 for number in range(len(one.frames))

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
-import subprocess
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -45,6 +44,7 @@ from engine.training import load_gaussians
 
 from .documents import print_table
 from .mesh_pictures import draw_mesh, draw_shape
+from .places import run_room_script
 from .rooms.drawn import drawn_from
 
 _POINTS = 30_000
@@ -63,7 +63,6 @@ _PICTURE_SIDE = 260
 """Width and height of one picture of an object, in pixels."""
 _PAPER = (0.85, 0.85, 0.85)
 """Colour behind splats and meshes."""
-_PYTHON = Path(".venv/blender-4.5")
 _MARK = (
     "**In sample**: room_1, on which constants of meshing were chosen. **Test** of meshing: the other rooms. Distances "
     "in percent of the diagonal of the true object."
@@ -98,13 +97,12 @@ def main() -> int:
     parser.add_argument("--store", nargs="*", default=(), help="exhibits that become objects of their projects")
     parser.add_argument("--picture", type=Path, help="picture of photos, splats and meshes")
     parser.add_argument("--shown", nargs="*", default=(), metavar="ROOM/NAME", help="exhibits in that picture")
-    parser.add_argument("--blender", type=Path, help="a Python with bpy (default: that of make setup)")
     parser.add_argument("--doc", type=Path, help="document with the marks of the part `meshes`")
     options = parser.parse_args()
     rows: list[Row] = []
     pictures = []
     for room in options.rooms:
-        truth = true_meshes(room, options.work, options.blender)
+        truth = true_meshes(room, options.work)
         cases = _cases(room, truth, options.only)
         rows += measured(cases, truth, options.work)
         for case in cases:
@@ -118,13 +116,11 @@ def main() -> int:
     return 0
 
 
-def true_meshes(room: Path, work: Path, blender: Path | None) -> Mapping[str, np.ndarray]:
+def true_meshes(room: Path, work: Path) -> Mapping[str, np.ndarray]:
     """Return the true meshes of a room, in its own coordinates, made by Blender where they are missing."""
     file = work / room.name / "meshes.npz"
     if not file.exists():
-        python = blender or _PYTHON / "bin" / "python"
-        command = [python, "demo/random_rooms/make_meshes.py", *drawn_from(room), "--out", file]
-        subprocess.run([str(word) for word in command], check=True)
+        run_room_script("make_meshes.py", *drawn_from(room), "--out", file)
     with np.load(file) as arrays:
         return dict(arrays)
 

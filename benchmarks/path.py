@@ -30,9 +30,9 @@ from engine.pipeline.stages import STAGES
 from engine.project.folder import ProjectFolder
 
 from .documents import put_into
+from .places import ROOT
 
-_ROOT = Path(__file__).resolve().parents[1]
-PHOTOS = _ROOT / "demo" / "museum_room" / "photos"
+PHOTOS = ROOT / "demo" / "museum_room" / "photos"
 PROMPTS = "vase;teapot;obelisk;shield;mask;hourglass;goblet;drum"
 """The eight words of `make demo`."""
 
@@ -61,13 +61,13 @@ def measure(photos: Path, out: Path, *, prompts: str, preset: str, device: str) 
     environment = {**engine_environment(), "GAUSSIAN_HERITAGE_CALIBRATION": str(calibration)}
     asked = ["--preset", preset, "--device", device]
     subprocess.run(
-        engine_command("plan", photos, *asked), env=environment, cwd=_ROOT, check=True, stdout=subprocess.DEVNULL
+        engine_command("plan", photos, *asked), env=environment, cwd=ROOT, check=True, stdout=subprocess.DEVNULL
     )
     command = engine_command("reconstruct", photos, "--out", project, "--prompts", prompts, *asked, "--events")
     load, begin, cpu = os.getloadavg()[0], time.perf_counter(), cpu_seconds()
     picture: dict[str, Any] | None = None
     parts: Mapping[str, Sequence[float]] = {}
-    with subprocess.Popen(command, env=environment, cwd=_ROOT, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(command, env=environment, cwd=ROOT, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         for event in events_in(process.stdout):
             if isinstance(event, Preview) and picture is None:
@@ -86,7 +86,7 @@ def measure(photos: Path, out: Path, *, prompts: str, preset: str, device: str) 
     return {
         "machine": describe_machine().name,
         "device": training["figures"]["device"],
-        "photos": str(photos.relative_to(_ROOT) if photos.is_relative_to(_ROOT) else photos),
+        "photos": str(photos.relative_to(ROOT) if photos.is_relative_to(ROOT) else photos),
         "n_photos": opened.stage_record("photos")["figures"]["n_photos"],  # type: ignore[index]
         "preset": preset,
         "n_objects": sum(map(len, objects.get("figures", {}).get("found", {}).values())),

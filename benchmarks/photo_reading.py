@@ -30,8 +30,9 @@ from engine.photos.reading import _gray_for_measuring, measure_photo
 from engine.photos.settings import PhotoSettings
 
 from .documents import put_into
+from .places import ROOT
 
-_SOURCES = Path(__file__).resolve().parents[1] / "demo" / "museum_room" / "photos"
+_SOURCES = ROOT / "demo" / "museum_room" / "photos"
 _SIZE = (4032, 3024)
 _NOISE = 1.5
 """Standard deviation of the noise in levels of 255."""

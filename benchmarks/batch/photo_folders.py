@@ -6,9 +6,10 @@ from pathlib import Path
 
 from PIL import Image
 
-from benchmarks.security.kills_checks import scene_of
+from ..places import ROOT
+from ..security.kills_checks import scene_of
 
-_ROOM = Path(__file__).resolve().parents[2] / "demo" / "museum_room" / "photos"
+_ROOM = ROOT / "demo" / "museum_room" / "photos"
 _N_VIEWS = 48
 _SIZE = (384, 288)
 

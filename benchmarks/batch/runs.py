@@ -16,7 +16,8 @@ from typing import Any
 
 from distributed import Client
 
-ROOT = Path(__file__).resolve().parents[2]
+from ..places import ROOT
+
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PROGRAM = """
 import runpy, sys

@@ -24,9 +24,10 @@ from engine.formats import write_ply
 from engine.quality.evaluation import write_section
 from engine.scene import Gaussians, read_camera_set
 
+from ..places import blender_environments
 from . import objects
 from .likeness import engine_picture, psnr
-from .processes import blender_environments, run_inside
+from .processes import run_inside
 from .window import BlenderWindow
 
 _LARGE, _SLID = 1_000_000, 300_000

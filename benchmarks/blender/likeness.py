@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from engine.scene import Camera, focal_and_center, read_camera_set
 
-ROOT = Path(__file__).resolve().parents[2]
+from ..places import ROOT
 
 
 def engine_picture(

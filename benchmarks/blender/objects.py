@@ -20,8 +20,9 @@ from engine.project.folder import ProjectFolder
 from engine.project.objects import ObjectRecord, list_objects
 from engine.quality.evaluation import write_section
 
+from ..places import blender_environments
 from .likeness import engine_picture, psnr
-from .processes import blender_environments, run_inside
+from .processes import run_inside
 
 TITLE = "Objects in Cycles"
 PLACES = ("shown", "appended", "linked")

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
-
-from places import blender_environments, python_of  # noqa: E402
-
-__all__ = ["ROOT", "blender_environments", "python_of", "run_inside"]
+from ..places import ROOT, python_of
 
 
 def run_inside(blender: str, *words: str | Path) -> dict[str, Any]:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .processes import ROOT, python_of
+from ..places import ROOT, python_of
 
-# In the folder that `processes` has made known.
+# In the folder that `places` has made known.
 from window_driver import Window  # isort: skip
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
+from benchmarks.places import ROOT
 from benchmarks.rooms.draws import KEPT_ROOMS
 from benchmarks.rooms.keeping import unpack_room
 from engine.cameras import estimate_cameras
@@ -23,7 +24,6 @@ from .box_room import BoxRoom, Projection, looking_along, rays
 
 Pictures = Sequence[tuple[str, Image.Image]]
 
-_ROOT = Path(__file__).parents[2]
 QUICK = CameraSettings(max_side=800, max_features=800, first_octave=0)
 """Settings of sets whose cameras are estimated quickly."""
 _SIDE = 800
@@ -46,10 +46,10 @@ def _folder_of(name: str, kept: Path) -> Path:
     if name in REAL:
         return Path(os.environ["GAUSSIAN_HERITAGE_DATA"]) / name
     if name in ("museum_room", "store_room"):
-        return _ROOT / "demo" / name
+        return ROOT / "demo" / name
     folder = kept / name
     if not (folder / "photos").is_dir():
-        unpack_room(_ROOT / KEPT_ROOMS / f"{name}.tar.xz", folder)
+        unpack_room(ROOT / KEPT_ROOMS / f"{name}.tar.xz", folder)
     return folder
 
 

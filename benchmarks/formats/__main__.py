@@ -17,13 +17,13 @@ from engine.core.errors import HeritageError
 from engine.core.system import describe_machine
 from engine.formats import read_ply
 
+from ..places import ROOT
 from .readers import reader_rows, require_node_modules
 from .speed import COUNT, N_MEMORY, N_ROUNDS, memory_rows, speed_rows
 
 if TYPE_CHECKING:
     from .viewers import Framed
 
-ROOT = Path(__file__).resolve().parents[2]
 LEAST_PSNR = 28.0
 LEAST_OVERLAP = 0.9
 """Share of the pixels of either outline of a mesh that are in both."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import json
 import subprocess
-import sys
 import urllib.parse
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.mesh_pictures import draw_mesh
+from benchmarks.places import blender_environments, python_of
 from benchmarks.serve.page import read_picture
 from engine.core.errors import EnvironmentProblem
 from engine.core.events import never_stop
@@ -27,10 +27,6 @@ from engine.scene import ExportFrame, Mesh
 
 from .readers import HERE, NODE_MODULES
 from .viewers import Framed, Point, camera_at, chromium, listed, own_picture, psnr, served
-
-sys.path.insert(0, str(HERE.parents[1] / "scripts"))
-
-from places import blender_environments, python_of  # noqa: E402
 
 _FOV = 35.0
 """Vertical field of view in degrees."""

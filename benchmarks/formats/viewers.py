@@ -21,6 +21,7 @@ from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 from playwright.sync_api import TimeoutError as PageTimeout
 
+from benchmarks.camera_health.box_room import looking_along
 from benchmarks.serve.page import WEBGL, read_picture
 from engine.core.errors import EnvironmentProblem
 from engine.formats import read_glb, read_ply
@@ -171,15 +172,9 @@ def psnr(shown: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
 
 def camera_at(eye: Point, target: Point, fov: float = FOV) -> PinholeCamera:
     """Return a level camera of the viewers' size; `fov` is its vertical field of view in degrees."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    right /= np.linalg.norm(right)
-    viewmat = np.eye(4)
-    viewmat[:3, :3] = (right, np.cross(forward, right), forward)
-    viewmat[:3, 3] = -viewmat[:3, :3] @ eye
     focal = HEIGHT / (2 * np.tan(np.radians(fov) / 2))
     K = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1.0]])
-    return PinholeCamera(viewmat, K, WIDTH, HEIGHT)
+    return PinholeCamera(looking_along(eye, target - eye), K, WIDTH, HEIGHT)
 
 
 def _engine_picture(scene: Scene, eye: Point, target: Point) -> NDArray[np.float64]:

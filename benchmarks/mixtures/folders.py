@@ -15,7 +15,9 @@ import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
-_ROOM = Path(__file__).resolve().parents[2] / "demo" / "museum_room"
+from ..places import ROOT
+
+_ROOM = ROOT / "demo" / "museum_room"
 WIDTH, HEIGHT = 320, 240
 _ORIENTATION = 0x0112
 _SUFFIXES = {"JPEG": ".jpg", "PNG": ".png", "WebP": ".webp", "HEIC": ".heic", "TIFF": ".tif", "TIFF 16 bits": ".tif"}

@@ -16,16 +16,12 @@ from engine.cli.terminal import EventOutput
 from engine.core.errors import Cancelled, DiskError, HeritageError, ProjectError, SettingsError
 from engine.core.events import never_stop
 
+from ..places import ROOT, python_of
 from .draw_rows import read_rows
 from .draws import CHOOSING_ROOMS, Draw, Room, draw_now, read_draws, rooms_of
 from .repository import Repository
 from .running import MeasuringRun
 from .table import draws_section, rooms_section, write_tables
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
-
-from places import python_of  # noqa: E402
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

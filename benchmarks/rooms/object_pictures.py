@@ -20,9 +20,9 @@ from engine.objects import SegmentationContext, View, load_context
 from engine.objects.settings import BETTER
 from engine.project.folder import ProjectFolder
 
+from ..places import ROOT
 from .keeping import unpack_kept
 
-ROOT = Path(__file__).resolve().parents[2]
 _WIDTH = 320
 _COLOR = np.array([255, 60, 40], np.float32)
 _GAP = 6

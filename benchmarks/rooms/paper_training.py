@@ -36,10 +36,10 @@ from engine.quality.evaluation.settings import EvaluationSettings, PromptKind
 from engine.rasterizer import choose_device
 
 from ..documents import put_into
+from ..places import ROOT
 from .draws import CHOOSING_ROOMS
 from .keeping import unpack_kept
 
-ROOT = Path(__file__).resolve().parents[2]
 _TRAINED_AS: dict[str, tuple[str, ...]] = {"paper": ("paper", "released"), "standard": ("paper", "better")}
 """Methods that are compared on the scene of each preset of training."""
 _MUSEUM_ROOM = "museum_room"

@@ -38,6 +38,7 @@ from engine.quality.evaluation.ground_truth import GroundTruth, read_ground_trut
 from engine.quality.evaluation.results import FOUND_IOU, WHOLE_IOU
 
 from ..documents import print_table
+from ..places import ROOT
 
 _MARK = "**In sample**: constants of the method were chosen on these rooms."
 _N_EXAMPLES = (1, 2, 5)
@@ -91,7 +92,7 @@ class Measured:
 @functools.cache
 def _resembling() -> dict[str, frozenset[str]]:
     """Return what the exhibits of each kind of the random rooms look or sound like."""
-    sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
+    sys.path.insert(0, str(ROOT / "demo"))
     from random_rooms.catalogue import KIND_OF
 
     return {name: frozenset(kind.like) for name, kind in KIND_OF.items()}

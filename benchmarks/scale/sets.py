@@ -17,10 +17,11 @@ from engine.core.system import usable_cores
 from engine.photos import read_photos
 from engine.scene import PhotoSet
 
+from ..places import ROOT
 from .building import Building
 
 _SEED = 0
-_MUSEUM = Path(__file__).resolve().parents[2] / "demo" / "museum_room"
+_MUSEUM = ROOT / "demo" / "museum_room"
 _PHOTOS_PER_TASK = 12
 
 

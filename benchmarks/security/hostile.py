@@ -24,10 +24,10 @@ from engine.core.system import describe_machine
 from engine.install.models import models_folder
 from engine.pipeline.planning.benchmark import calibrate
 
+from ..places import ROOT, python_of
 from .hostile_blends import BLENDS
 from .hostile_cases import HONEST, Case, Sandbox
 from .hostile_engine import ALL_CASES, ALLOWED, COMMANDS, Outcome
-from .kills_process import ROOT
 
 _SECONDS = 3600
 _MARK = "OUTCOME "
@@ -109,7 +109,6 @@ def _engine(root: Path, embeddings: Path, numbers: Sequence[int], environment: d
 
 def run_blender(folder: Path, embeddings: Path, numbers: Sequence[int], environment: dict[str, str]) -> list[Outcome]:
     """Open the hostile projects `numbers` and all hostile .blend files in Blender."""
-    blender = Path(os.environ.get("GAUSSIAN_HERITAGE_VENVS") or ROOT / ".venv") / "blender-4.5" / "bin" / "python"
     zip_file, found, resources = folder / "extension.zip", folder / "engine-found.txt", folder / "resources"
     subprocess.run([sys.executable, ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=True)
     resources.mkdir()
@@ -129,7 +128,10 @@ def run_blender(folder: Path, embeddings: Path, numbers: Sequence[int], environm
         "projects": projects,
         "blends": [made(f"blend-{n}", HONEST) for n, _ in enumerate(BLENDS)],
     }
-    answer = _run([str(blender), str(Path(__file__).parent / "hostile_blender.py"), json.dumps(work)], environment)
+    answer = _run(
+        [str(python_of("blender-4.5")), str(Path(__file__).parent / "hostile_blender.py"), json.dumps(work)],
+        environment,
+    )
     lines = [line.removeprefix(_MARK) for line in answer.stdout.splitlines() if line.startswith(_MARK)]
     outcomes = [Outcome(**json.loads(line)) for line in lines]
     names = [name for name, _, _ in projects] + [name for name, _ in BLENDS]

@@ -17,7 +17,8 @@ from typing import Any
 
 from engine.core.files import TEMPORARY_PREFIX
 
-ROOT = Path(__file__).resolve().parents[2]
+from ..places import ROOT
+
 _MARK = "GAUSSIAN_HERITAGE_KILLS_MARK"
 _PATIENCE = 600.0
 """Seconds after which a process that neither begins nor ends is a failure of its own."""

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+from ..places import ROOT
+
 _PACKAGE = "gaussian_heritage_without_blender"
 
 

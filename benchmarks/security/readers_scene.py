@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..places import ROOT
 from .reader import Reader, addon
 from .readers_project import write_object
 
 if TYPE_CHECKING:
     from engine.scene import Camera, Gaussians, PhotoSet
 
-FORMATS = Path(__file__).resolve().parents[2] / "tests" / "fixtures" / "formats"
+FORMATS = ROOT / "tests" / "fixtures" / "formats"
 _N = 3
 
 

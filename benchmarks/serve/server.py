@@ -17,11 +17,11 @@ from typing import Any
 import httpx
 import numpy as np
 
+from ..places import ROOT
 from .breaking import measure_breaking, measure_silence
 
 Row = tuple[str, str, str]
 """What was measured, the figure, and the goal."""
-ROOT = Path(__file__).resolve().parents[2]
 N_STARTS, N_CLIENTS, N_EVENTS = 5, 32, 60
 UPLOAD_BYTES, CHUNK = 512 << 20, 8 << 20
 WATCH_SECONDS = 20.0

@@ -8,8 +8,6 @@ less than half of the way.
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -25,13 +23,9 @@ from engine.objects.views import spread_cameras
 from engine.scene import Camera, CameraSet, PinholeCamera
 from engine.training import WELL_SEEN, TrainingView
 
+from ..places import run_room_script
 from ..rooms.drawn import drawn_from
 from .off_path import KINDS, N_PLACES, TrueView
-
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "scripts"))
-
-from places import python_of  # noqa: E402
 
 _NEAR, _FAR, _RAISED = 0.5, 1.5, 20.0
 """Distances relative to those of the photos, and degrees."""
@@ -68,10 +62,7 @@ def true_views(room: Path, camera_set: CameraSet, photos: Sequence[PinholeCamera
         cameras = {"width": _WIDTH, "height": _HEIGHT, "focal": _FOCAL, "views": wanted}
         cameras["photos"] = [_in_room(photo, to_room) for photo in photos]
         file.write_text(json.dumps(cameras), encoding="utf-8")
-        script = ROOT / "demo" / "random_rooms" / "make_views.py"
-        command = [str(one) for one in (python_of("blender-4.5"), script, "--cameras", file, "--out", out)]
-        command += made
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        run_room_script("make_views.py", "--cameras", file, "--out", out, *made)
         found = json.loads((out / "cameras.json").read_text(encoding="utf-8"))
         metres = float(np.cbrt(np.linalg.det(to_room[:3, :3])))
         return [
@@ -98,11 +89,15 @@ def _wanted(camera_set: CameraSet) -> Iterator[tuple[str, dict[str, Float64]]]:
     for number, camera in enumerate(spread_cameras(camera_set.cameras, N_PLACES)):
         middle = _middle(camera, points)
         offset = camera.center - middle
-        distance, flat = float(np.linalg.norm(offset)), float(np.linalg.norm(offset[:2]))
-        height = np.radians(min(np.degrees(np.arctan2(offset[2], flat)) + _RAISED, _STEEPEST))
-        raised = np.array([*(offset[:2] / flat * np.cos(height)), np.sin(height)]) * distance
-        for kind, one in zip(KINDS, (offset * _NEAR, offset * _FAR, raised), strict=True):
+        for kind, one in zip(KINDS, (offset * _NEAR, offset * _FAR, raised(offset)), strict=True):
             yield f"{kind}_{number}", {"from": camera.center, "eye": middle + one, "at": middle}
+
+
+def raised(offset: Float64) -> Float64:
+    """Return the place of a camera, [3], seen from what it looks at, `_RAISED` degrees higher; Z is up."""
+    distance, flat = float(np.linalg.norm(offset)), float(np.linalg.norm(offset[:2]))
+    height = np.radians(min(np.degrees(np.arctan2(offset[2], flat)) + _RAISED, _STEEPEST))
+    return np.array([*(offset[:2] / flat * np.cos(height)), np.sin(height)]) * distance
 
 
 def _middle(camera: Camera, points: Float64) -> Float64:

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from engine.core.errors import SettingsError
 
+from ..places import ROOT
 from ..rooms.keeping import unpack_kept
-
-ROOT = Path(__file__).resolve().parents[2]
 
 REAL_SETS = ("herz_jesus25", "meeting_place9", "banana16", "sakharov_statue32", "skull66")
 """Folders of ``GAUSSIAN_HERITAGE_DATA``."""
