@@ -17,8 +17,8 @@ def put_into(document: Path, part: str, text: str) -> None:
     document.write_text(after, encoding="utf-8")
 
 
-def print_table(table: str, document: Path | None, part: str, mark: str) -> None:
-    """Print a table, and write it below `mark` between the marks of a part of `document`, unless that is None."""
-    sys.stdout.write(table + "\n")
+def print_table(table: str, document: Path | None, part: str, mark: str = "") -> None:
+    """Print a table, and write it below `mark`, if any, between the marks of a part of `document`, if there is one."""
+    sys.stdout.write(table.rstrip("\n") + "\n")
     if document is not None:
-        put_into(document, part, f"{mark}\n\n{table}")
+        put_into(document, part, f"{mark}\n\n{table}" if mark else table)

@@ -29,7 +29,7 @@ from engine.core.system import cpu_seconds, describe_machine
 from engine.pipeline.stages import STAGES
 from engine.project.folder import ProjectFolder
 
-from .documents import put_into
+from .documents import print_table
 from .places import ROOT
 
 PHOTOS = ROOT / "demo" / "museum_room" / "photos"
@@ -219,7 +219,7 @@ def main() -> None:
     run.add_argument("--out", type=Path, default=Path("out/path"), help="folder (default: %(default)s)")
     document = commands.add_parser("document", help="write the tables of runs into a document")
     document.add_argument("runs", type=Path, nargs="+", help="path.json of each run")
-    document.add_argument("--doc", type=Path, help="document (default: standard output)")
+    document.add_argument("--doc", type=Path, help="document whose part `path` is replaced")
     options = parser.parse_args()
     if options.command == "run":
         options.out.mkdir(parents=True, exist_ok=True)
@@ -231,10 +231,7 @@ def main() -> None:
         sys.stdout.write(table(found) + "\n")
         return
     text = "\n\n".join(table(json.loads(file.read_text(encoding="utf-8"))) for file in options.runs)
-    if options.doc is None:
-        sys.stdout.write(text + "\n")
-    else:
-        put_into(options.doc, "path", text)
+    print_table(text, options.doc, "path")
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from engine.photos.pixels import open_photo, upright_strips
 from engine.photos.reading import _gray_for_measuring, measure_photo
 from engine.photos.settings import PhotoSettings
 
-from .documents import put_into
+from .documents import print_table
 from .places import ROOT
 
 _SOURCES = ROOT / "demo" / "museum_room" / "photos"
@@ -64,10 +64,7 @@ def main() -> None:
         parts = [{kind: _measured(folder, kind, _parts_of) for kind in _KINDS} for _ in few]
     tables = ((options.out, _READING, _table(sizes, rounds, options.count)), (options.parts, _PARTS, _parts(parts)))
     for document, part, table in tables:
-        if document is None:
-            print(table, end="\n\n")
-        else:
-            put_into(document, part, table)
+        print_table(table, document, part)
 
 
 def _table(sizes: dict[str, int], rounds: list[dict[str, dict[str, float]]], count: int) -> str:

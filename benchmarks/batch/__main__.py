@@ -1,4 +1,4 @@
-"""``python -m benchmarks.batch PART``: each part prints its table, or puts it into docs/batch.md."""
+"""``python -m benchmarks.batch PART``: each part prints its table, and puts it into docs/batch.md."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from engine.core.system import describe_machine
 
-from ..documents import put_into
+from ..documents import print_table
 from .runs import ROOT
 
 
@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--cores-each", type=int, default=1, help="cores of each of them (default: %(default)s)")
     parser.add_argument("--first-core", type=int, default=0, help="of the split (default: %(default)s)")
     parser.add_argument("--work", type=Path, default=Path("out/split"), help="of the split (default: %(default)s)")
-    parser.add_argument("--doc", type=Path, help="document whose table is replaced; by default it is printed")
+    parser.add_argument("--doc", type=Path, help="document whose table is replaced")
     options = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="heritage-batch-"))
     os.environ["GAUSSIAN_HERITAGE_CALIBRATION"] = str(folder / "calibration.json")
@@ -60,10 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = simulation_table(ROOT / "demo" / "museum_room" / "photos")
     command = " ".join(["python -m benchmarks.batch", *(arguments or sys.argv[1:])])
     text = f"Made by `{command}` on {describe_machine().cores} cores that other programs used as well.\n\n{text}"
-    if options.doc:
-        put_into(options.doc, options.part + (" with objects" if options.prompts else ""), text)
-    else:
-        print(text)
+    print_table(text, options.doc, options.part + (" with objects" if options.prompts else ""))
     shutil.rmtree(folder)
     return 0
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from benchmarks.documents import put_into
-
+from ..documents import print_table
 from .cases import photo_cases
-from .running import is_stored, run_case
+from .running import run_case
 from .table import table
 
 
@@ -19,21 +18,11 @@ def main() -> None:
         "--out", type=Path, default=Path("out/camera_health"), help="work folder (default: %(default)s)"
     )
     parser.add_argument("--only", default="", help="run only sets whose name contains this")
-    parser.add_argument(
-        "--stored",
-        action="store_true",
-        help="make the table of the sets whose outcome is stored, without running others",
-    )
     parser.add_argument("--doc", type=Path, help="document to put the table into")
     arguments = parser.parse_args()
     cases = [case for case in photo_cases(arguments.out / "rooms") if arguments.only in case.name]
-    if arguments.stored:
-        cases = [case for case in cases if is_stored(case, arguments.out / "sets")]
     outcomes = [run_case(case, arguments.out / "sets", lambda line: print(line, flush=True)) for case in cases]
-    text = table(outcomes)
-    print(text)
-    if arguments.doc:
-        put_into(arguments.doc, "camera_health", text)
+    print_table(table(outcomes), arguments.doc, "camera_health")
 
 
 if __name__ == "__main__":

@@ -87,11 +87,6 @@ class Outcome:
         return self.verdict in ("green", "named", "mended")
 
 
-def is_stored(case: PhotoCase, folder: Path) -> bool:
-    """Return whether an earlier run stored the outcome of a photo set in `folder`."""
-    return (folder / _folder_name(case.name) / _OUTCOME).is_file()
-
-
 def run_case(case: PhotoCase, folder: Path, say: Callable[[str], None]) -> Outcome:
     """Return the outcome of a photo set, from `folder` if an earlier run stored it there."""
     work = folder / _folder_name(case.name)

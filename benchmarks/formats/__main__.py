@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks.documents import put_into
+from benchmarks.documents import print_table
 from engine.core.errors import HeritageError
 from engine.core.system import describe_machine
 from engine.formats import read_ply
@@ -67,7 +67,8 @@ def speed(options: argparse.Namespace, folder: Path) -> int:
         "arrays. "
         f"Machine: {describe_machine().name}, shared with other work.\n\n" + _table(("what", "measured", "goal"), rows)
     )
-    return _publish(options.doc, "speed", text)
+    print_table(text, options.doc, "speed")
+    return 0
 
 
 def readers(options: argparse.Namespace, folder: Path) -> int:
@@ -103,7 +104,7 @@ def readers(options: argparse.Namespace, folder: Path) -> int:
         + f"\n\nThe object `{options.object}` as viewers open it:\n\n"
         + _table(("viewer", "file", *head[-2:]), [(viewer, kind, *_shares(one)) for viewer, kind, one in framed])
     )
-    _publish(options.doc, "readers", text)
+    print_table(text, options.doc, "readers")
     bad = [one for one in shown if min(one.psnr) < LEAST_PSNR]
     for one in bad:
         print(f"{one.viewer} shows {one.file} otherwise than the engine: {min(one.psnr):.1f} dB.", file=sys.stderr)
@@ -133,7 +134,7 @@ def meshes(options: argparse.Namespace, folder: Path) -> int:
         f"file, the object's largest side fills {100 * framed.extent:.0f} % of the picture.\n\n"
         + _table(("file", "checked by", "found"), checked)
     )
-    _publish(options.doc, "programs", text)
+    print_table(text, options.doc, "programs")
     bad = [f"{row[0]} shows {row[1]}" for row in shown if float(row[2].split(",")[0]) < LEAST_PSNR]
     bad += ["model-viewer shows GLB"] if same < LEAST_OVERLAP or framed.extent < LEAST_EXTENT else []
     for one in bad:
@@ -159,12 +160,6 @@ def _shares(framed: Framed) -> tuple[str, str]:
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     lines = [head, tuple("---" for _ in head), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _publish(document: Path, part: str, text: str) -> int:
-    put_into(document, part, text)
-    print(text)
-    return 0
 
 
 if __name__ == "__main__":

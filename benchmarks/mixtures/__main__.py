@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..documents import put_into
+from ..documents import print_table
 from .cases import REPORTED, RIGHT, WRONG, Outcome, run_case
 
 _WIDTH = 140
@@ -58,10 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         outcomes.append(outcome)
         for sentence in outcome.sentences if outcome.result == WRONG else ():
             print(f"seed {seed}: {sentence}", flush=True)
-    table = table_of(outcomes)
-    print(table)
-    if options.doc is not None:
-        put_into(options.doc, "mixtures", table)
+    print_table(table_of(outcomes), options.doc, "mixtures")
     return int(any(outcome.result == WRONG for outcome in outcomes))
 
 

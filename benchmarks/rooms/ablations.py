@@ -19,7 +19,7 @@ from engine.project.folder import ProjectFolder
 from engine.quality.evaluation import evaluate_project
 from engine.quality.evaluation.settings import EvaluationSettings
 
-from ..documents import put_into
+from ..documents import print_table
 from .draws import CHOOSING_ROOMS
 from .keeping import unpack_kept
 
@@ -38,10 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for method, iou in _measured(room.name, settings).items():
             ious.setdefault(method, []).append(iou)
         sys.stderr.write(f"{room.name}: {ious['better'][-1]:.1f}\n")
-    table = _table(ious)
-    sys.stdout.write(table)
-    if options.doc is not None:
-        put_into(options.doc, f"ablations by {options.prompt_kind}", table)
+    print_table(_table(ious), options.doc, f"ablations by {options.prompt_kind}")
     return 0
 
 

@@ -35,7 +35,7 @@ from engine.quality.evaluation.results import Row, Word
 from engine.quality.evaluation.settings import EvaluationSettings, PromptKind
 from engine.rasterizer import choose_device
 
-from ..documents import put_into
+from ..documents import print_table
 from ..places import ROOT
 from .draws import CHOOSING_ROOMS
 from .keeping import unpack_kept
@@ -71,10 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except HeritageError as error:
         sys.stderr.write(f"{error}\n")
         return 1
-    table = _table(results)
-    sys.stdout.write(table)
-    if options.doc is not None:
-        put_into(options.doc, "trained as published", table)
+    print_table(_table(results), options.doc, "trained as published")
     return 0
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from engine.core.engine_process import engine_command, engine_environment
 from engine.core.system import describe_machine, usable_cores, use_cores
 
-from ..documents import put_into
+from ..documents import print_table
 from .measuring import measure
 from .sets import set_of
 from .table import scale_table
@@ -22,13 +22,13 @@ _SETS = "building_25,building_50,museum_room,building_150,building_300"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure what has no result yet, and print the table of all results or write it into a document."""
+    """Measure what has no result yet, and print the table of all results."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scale", description=__doc__)
     parser.add_argument("--sets", default=_SETS, help="default: %(default)s")
     parser.add_argument("--cores", type=int, default=2, help="cores to use (default: %(default)s)")
     parser.add_argument("--first-core", type=int, default=0, help="number of the first of them (default: %(default)s)")
     parser.add_argument("--work", type=Path, default=Path("out/scale"), help="default: %(default)s")
-    parser.add_argument("--doc", type=Path, help="document whose part `scale` is replaced; by default it is printed")
+    parser.add_argument("--doc", type=Path, help="document whose part `scale` is replaced")
     parser.add_argument("--table", action="store_true", help="measure nothing")
     parser.add_argument("--only", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
@@ -40,10 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name in options.sets.split(","):
             _measure(name, options)
     text = scale_table([json.loads(file.read_text(encoding="utf-8")) for file in sorted(results.glob("*.json"))])
-    if options.doc is None:
-        sys.stdout.write(text)
-    else:
-        put_into(options.doc, "scale", text)
+    print_table(text, options.doc, "scale")
     return 0
 
 

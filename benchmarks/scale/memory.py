@@ -32,7 +32,7 @@ from engine.core.files import write_json
 from engine.core.system import describe_machine, usable_cores
 from engine.project.folder import ProjectFolder
 
-from ..documents import put_into
+from ..documents import print_table
 from .building import FOCAL, HEIGHT, WIDTH, Building
 
 _SEED = 0
@@ -196,7 +196,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--prompts", default="cabinet", help="default: %(default)s")
     parser.add_argument("--out", type=Path, default=Path("out/memory"), help="folder (default: %(default)s)")
     parser.add_argument("--table", type=Path, help="memory.json of a run: measure nothing")
-    parser.add_argument("--doc", type=Path, help="document whose part `memory` is replaced; by default it is printed")
+    parser.add_argument("--doc", type=Path, help="document whose part `memory` is replaced")
     options = parser.parse_args(arguments)
     if options.table is None:
         made = options.out / f"photos_{options.photos}"
@@ -206,10 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         measure(made, options.out, preset=options.preset, device=options.device, prompts=options.prompts)
     file = options.table or options.out / "memory.json"
     text = table(json.loads(file.read_text(encoding="utf-8")))
-    if options.doc is None:
-        sys.stdout.write(text)
-    else:
-        put_into(options.doc, "memory", text)
+    print_table(text, options.doc, "memory")
     return 0
 
 

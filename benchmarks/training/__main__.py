@@ -20,7 +20,7 @@ from engine.core.errors import HeritageError
 from engine.core.files import atomic_write
 from engine.training.settings import PRESETS
 
-from ..documents import put_into
+from ..documents import print_table
 from .photo_sets import NAMES, REAL_SETS, SCENES, photo_set
 from .presets_plot import presets_plot
 from .running import Measured, TrainingBench
@@ -47,10 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         results = _measured(options)
     except HeritageError as error:
         sys.exit(str(error))
-    table = presets_table(results)
-    sys.stdout.write(f"{table}\n")
-    if options.doc:
-        put_into(options.doc, PRESETS_PART, table)
+    print_table(presets_table(results), options.doc, PRESETS_PART)
     if options.picture:
         with atomic_write(options.picture) as stream:
             stream.write(presets_plot(results))
