@@ -10,7 +10,6 @@ example: python -m benchmarks.opensplat path/to/opensplat path/to/colmap_project
 from __future__ import annotations
 
 import argparse
-import resource
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ import numpy as np
 
 from engine.cameras import read_cameras
 from engine.core.events import ignore_events, never_stop
+from engine.core.system import cpu_seconds
 from engine.photos import read_photos
 from engine.photos.settings import PhotoSettings
 from engine.training import load_views, start_gaussians, train
@@ -42,16 +42,14 @@ class StepTimes:
 
 def measure_opensplat(program: Path, project: Path, steps: int, folder: Path) -> tuple[float, float]:
     """Return CPU and wall seconds of OpenSplat for `steps` steps on `project` (with ``images`` and ``sparse/0``)."""
-    before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    cpu, wall = cpu_seconds(), time.perf_counter()
     command = [program, project, "-n", steps, "--cpu", "--num-downscales", 0, "--sh-degree", 1]
     process = subprocess.run(
         [str(part) for part in [*command, "-o", folder / "opensplat.ply"]], capture_output=True, text=True, check=False
     )
     if process.returncode:
         raise SystemExit(f"{program} ended with code {process.returncode}: {process.stderr.strip()[-500:]}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return cpu, time.perf_counter() - started
+    return cpu_seconds() - cpu, time.perf_counter() - wall
 
 
 def measure_ours(project: Path, steps: int, folder: Path) -> tuple[float, float, int]:

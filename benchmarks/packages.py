@@ -9,7 +9,6 @@ example: python -m benchmarks.packages --project out/museum_room/project --doc d
 from __future__ import annotations
 
 import argparse
-import os
 import resource
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.core.system import describe_machine
+from engine.core.system import cpu_seconds, describe_machine
 from engine.delivery.packages import verify_package, write_package
 from engine.delivery.packages.bag import write_bag
 from engine.delivery.records import EXAMPLE_ADDRESS
@@ -104,9 +103,9 @@ def package_cost(project: Path, out: Path) -> tuple[float, int]:
     opened = ProjectFolder.open_existing(project)
     name = list_objects(project)[0].id
     made = write_package(out / "first", opened, name, address=EXAMPLE_ADDRESS)
-    start = sum(os.times()[:4])
+    start = cpu_seconds()
     made = write_package(out / "second", opened, name, address=EXAMPLE_ADDRESS)
-    seconds = sum(os.times()[:4]) - start
+    seconds = cpu_seconds() - start
     return seconds, sum(path.stat().st_size for path in made.rglob("*") if path.is_file())
 
 

@@ -18,7 +18,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from engine.project.folder import ProjectFolder
 
 from .documents import print_table
 from .places import ROOT
+from .processes import cpu_of_tree
 
 PHOTOS = ROOT / "demo" / "museum_room" / "photos"
 PROMPTS = "vase;teapot;obelisk;shield;mask;hourglass;goblet;drum"
@@ -71,11 +72,8 @@ def measure(photos: Path, out: Path, *, prompts: str, preset: str, device: str) 
         assert process.stdout is not None
         for event in events_in(process.stdout):
             if isinstance(event, Preview) and picture is None:
-                picture = {
-                    "stage": event.stage,
-                    "wall": time.perf_counter() - begin,
-                    "cpu": sum(_cpu_of_tree(process.pid)),
-                }
+                wall = time.perf_counter() - begin
+                picture = {"stage": event.stage, "wall": wall, "cpu": cpu_of_tree(process.pid)}
             if isinstance(event, Finished):
                 parts = event.parts
     if process.returncode:
@@ -98,16 +96,6 @@ def measure(photos: Path, out: Path, *, prompts: str, preset: str, device: str) 
         "stages": {stage: record for stage in STAGES if (record := _cost(opened.stage_record(stage)))},
         "results": _digests(opened),
     }
-
-
-def _cpu_of_tree(pid: int) -> Iterator[float]:
-    """Yield the CPU seconds of a process and of each process below it, with its ended children; Linux only."""
-    tick = os.sysconf("SC_CLK_TCK")
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in task.read_text(encoding="ascii").split():
-            yield from _cpu_of_tree(int(child))
-    with open(f"/proc/{pid}/stat", encoding="ascii") as stream:
-        yield sum(map(int, stream.read().rpartition(")")[2].split()[11:15])) / tick
 
 
 def _cost(record: Mapping[str, Any] | None) -> dict[str, float] | None:

@@ -17,8 +17,8 @@ from typing import Any
 from distributed import Client
 
 from ..places import ROOT
+from ..processes import cpu_of
 
-_TICKS = os.sysconf("SC_CLK_TCK")
 _PROGRAM = """
 import runpy, sys
 from engine.core.system import end_with_parent
@@ -66,15 +66,6 @@ def finished_batch(folders: Sequence[Path], out: Path, *options: str) -> Finishe
     after = os.times()
     used = after.children_user + after.children_system - before.children_user - before.children_system
     return Finished(process.returncode, time.monotonic() - begin, own, used, read_summary(out))
-
-
-def cpu_of(process: int) -> float:
-    """Return the CPU seconds of a process, without its children; 0 when it has ended."""
-    try:
-        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return (int(fields[11]) + int(fields[12])) / _TICKS
 
 
 def read_summary(out: Path) -> dict[str, Any]:

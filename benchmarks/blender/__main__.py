@@ -24,9 +24,10 @@ from engine.formats import write_ply
 from engine.quality.evaluation import write_section
 from engine.scene import Gaussians, read_camera_set
 
+from ..pictures import psnr, read_picture
 from ..places import blender_environments
 from . import objects
-from .likeness import engine_picture, psnr
+from .likeness import engine_picture
 from .processes import run_inside
 from .window import BlenderWindow
 
@@ -131,14 +132,12 @@ def photos(project: Path) -> list[str]:
 
 def cycles_row(name: str, project: Path, expected: list[Any], goal: float, blender: str, work: Path) -> Row:
     """Compare pictures of Cycles with those of the engine."""
-    from PIL import Image
-
     values, cpu = [], 0.0
     for photo, reference in zip(photos(project), expected, strict=True):
         out = work / f"cycles_{name.replace(' ', '_')}.png"
         cost = run_inside(blender, "cycles", project, photo, str(_SIDE), out)
         cpu += cost["cpu"]
-        values.append(psnr(np.asarray(Image.open(out), np.float32)[..., :3] / 255, reference))
+        values.append(psnr(read_picture(out), reference))
     height, width = expected[0].shape[:2]
     what = f"Cycles beside the engine, {name}, {len(values)} views of {width} x {height}, bpy {cost['blender']}"
     measured = f"{' and '.join(f'{value:.1f}' for value in values)} dB; {cpu / len(values):.0f} CPU s each"

@@ -5,8 +5,6 @@ example: python -m benchmarks.blender.likeness PROJECT PHOTO SIDE PICTURE.npy
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -17,12 +15,12 @@ from numpy.typing import NDArray
 
 from engine.scene import Camera, focal_and_center, read_camera_set
 
-from ..places import ROOT
+from ..pictures import psnr, rendered_by_engine
 
 
 def engine_picture(
     project: Path, photo: str, side: int, work: Path, object_id: str | None = None
-) -> NDArray[np.float32]:
+) -> NDArray[np.float64]:
     """Return the engine's picture of the view of a photo without lens distortion, shape [H, W, 3], 0 to 1.
 
     Parameters
@@ -36,17 +34,9 @@ def engine_picture(
     object_id : str, optional
         Of this object alone, on black; otherwise of the scene.
     """
-    from PIL import Image
-
     camera = next(one for one in read_camera_set(project / "cameras").cameras if one.photo == photo)
-    file, out = work / "camera.json", work / "engine.png"
-    file.write_text(json.dumps(pinhole(camera, side)))
-    command = [sys.executable, "-m", "engine", "render", project, "--camera", file, "--out", out, "--overwrite"]
-    command += [] if object_id is None else ["--object", object_id]
-    subprocess.run(
-        [str(word) for word in [*command, "--device", "cpu"]], cwd=ROOT, check=True, stdout=subprocess.DEVNULL
-    )
-    return np.asarray(Image.open(out), np.float32)[..., :3] / 255
+    words = [] if object_id is None else ["--object", object_id]
+    return rendered_by_engine(project, pinhole(camera, side), work, *words)
 
 
 def pinhole(camera: Camera, side: int) -> dict[str, Any]:
@@ -59,11 +49,6 @@ def pinhole(camera: Camera, side: int) -> dict[str, Any]:
         "width": width, "height": height, "fx": fx * x, "fy": fy * y, "cx": cx * x, "cy": cy * y,
         "viewmat": camera.viewmat.tolist(),
     }  # fmt: skip
-
-
-def psnr(picture: NDArray[np.float32], expected: NDArray[np.float32]) -> float:
-    """Return the peak signal-to-noise ratio in dB."""
-    return float(-10 * np.log10(np.mean((np.clip(picture, 0, 1) - expected) ** 2)))
 
 
 def main() -> None:

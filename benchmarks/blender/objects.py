@@ -20,8 +20,9 @@ from engine.project.folder import ProjectFolder
 from engine.project.objects import ObjectRecord, list_objects
 from engine.quality.evaluation import write_section
 
+from ..pictures import psnr, read_picture
 from ..places import blender_environments
-from .likeness import engine_picture, psnr
+from .likeness import engine_picture
 from .processes import run_inside
 
 TITLE = "Objects in Cycles"
@@ -56,7 +57,7 @@ def section(project: Path, work: Path, pictures: Path | None = None) -> str:
     lowest = np.inf
     for record in records:
         expected = engine_picture(project, photos[record.id], _SIDE, work, record.id)
-        found = [_read(work / f"{record.id}_{place}.png") for place in PLACES]
+        found = [read_picture(work / f"{record.id}_{place}.png") for place in PLACES]
         rows.append(np.concatenate([expected, *found], axis=1))
         whole, seen = zip(*(_likeness(one, expected) for one in found), strict=True)
         lowest = min(lowest, *seen)
@@ -85,13 +86,7 @@ dB{"" if lowest >= _GOAL else ", **missed**"}.
 {chr(10).join(lines)}"""
 
 
-def _read(file: Path) -> NDArray[np.float32]:
-    from PIL import Image
-
-    return np.asarray(Image.open(file), np.float32)[..., :3] / 255
-
-
-def _likeness(picture: NDArray[np.float32], expected: NDArray[np.float32]) -> tuple[float, float]:
+def _likeness(picture: NDArray[np.float64], expected: NDArray[np.float64]) -> tuple[float, float]:
     """Return the PSNR over all pixels, and over those that are not black in both pictures."""
     seen = np.maximum(picture, expected).max(axis=2) > _SEEN
     return psnr(picture, expected), psnr(picture[seen], expected[seen])

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.mesh_pictures import draw_mesh
+from benchmarks.pictures import psnr, read_picture
 from benchmarks.places import blender_environments, python_of
-from benchmarks.serve.page import read_picture
+from benchmarks.serve.page import chromium
 from engine.core.errors import EnvironmentProblem
 from engine.core.events import never_stop
 from engine.delivery.packages import load_export, mesh_of, write_mesh_export
@@ -26,7 +27,7 @@ from engine.project.folder import ProjectFolder
 from engine.scene import ExportFrame, Mesh
 
 from .readers import HERE, NODE_MODULES
-from .viewers import Framed, Point, camera_at, chromium, listed, own_picture, psnr, served
+from .viewers import Framed, Point, camera_at, listed, own_picture, served
 
 _FOV = 35.0
 """Vertical field of view in degrees."""

@@ -18,11 +18,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 from playwright.sync_api import TimeoutError as PageTimeout
 
 from benchmarks.camera_health.box_room import looking_along
-from benchmarks.serve.page import WEBGL, read_picture
+from benchmarks.pictures import psnr, read_picture
+from benchmarks.serve.page import chromium
 from engine.core.errors import EnvironmentProblem
 from engine.formats import read_glb, read_ply
 from engine.pictures import Scene
@@ -149,25 +150,6 @@ def framed_by_viewers(files: list[Path], pictures: Path | None) -> list[tuple[st
                 pictures.mkdir(parents=True, exist_ok=True)
                 keep_pictures(pictures / f"object_{file.suffix[1:]}.jpg", shots)
     return found
-
-
-@contextmanager
-def chromium() -> Iterator[Browser]:
-    """Start Chromium without a window, with WebGL in software."""
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    if program is None:
-        raise EnvironmentProblem("Chromium is missing. Install it (Debian: apt-get install chromium).")
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=program, args=WEBGL)
-        try:
-            yield browser
-        finally:
-            browser.close()
-
-
-def psnr(shown: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
-    """Return the PSNR of two pictures, dB."""
-    return float(-10 * np.log10(np.mean((shown - wanted) ** 2)))
 
 
 def camera_at(eye: Point, target: Point, fov: float = FOV) -> PinholeCamera:

@@ -17,7 +17,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from engine.core.system import describe_machine, usable_cores
 from engine.project.folder import ProjectFolder
 
 from ..documents import print_table
+from ..processes import process_tree
 from .building import FOCAL, HEIGHT, WIDTH, Building
 
 _SEED = 0
@@ -116,7 +117,7 @@ def measure(folder: Path, out: Path, *, preset: str, device: str, prompts: str) 
 
     def look(pid: int) -> None:
         while not ended.wait(_LOOK_SECONDS):
-            peaks[stage] = max(peaks.get(stage, 0), sum(map(_memory, _tree(pid))))
+            peaks[stage] = max(peaks.get(stage, 0), sum(map(_memory, process_tree(pid))))
 
     def keep() -> None:
         # Of a finished stage, the record of the project has the CPU seconds.
@@ -147,15 +148,6 @@ def measure(folder: Path, out: Path, *, preset: str, device: str, prompts: str) 
     keep()
     result["code"] = process.returncode
     write_json(out / "memory.json", result)
-
-
-def _tree(pid: int) -> Iterator[int]:
-    """Yield the number of a process and of those below it; Linux only."""
-    yield pid
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        with contextlib.suppress(OSError):
-            for child in task.read_text(encoding="ascii").split():
-                yield from _tree(int(child))
 
 
 def _memory(pid: int) -> int:

@@ -10,7 +10,6 @@ import collections
 import os
 import platform
 import random
-import resource
 import shutil
 import signal
 import sys
@@ -21,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-from engine.core.system import describe_machine
+from engine.core.system import cpu_seconds, describe_machine
 from engine.pipeline.planning.benchmark import calibrate
 
 from .kills_engine import shorten_stages
@@ -127,7 +126,7 @@ a quarter of the trials this continuation is killed as well. Stages are short: f
 def table(trials: Sequence[Trial], minutes: float, workers: int, seed: int) -> str:
     """Return the table as Markdown, with what went wrong below it."""
     text = _HEAD.format(
-        minutes=minutes, cpu_minutes=_cpu_minutes(), count=len(trials), workers=workers, seed=seed,
+        minutes=minutes, cpu_minutes=cpu_seconds() / 60, count=len(trials), workers=workers, seed=seed,
         limit=MAX_STOP_SECONDS, machine=f"{platform.system()}, {describe_machine().cores} cores",
     )  # fmt: skip
     by_kind: dict[str, list[Trial]] = collections.defaultdict(list)
@@ -138,12 +137,6 @@ def table(trials: Sequence[Trial], minutes: float, workers: int, seed: int) -> s
     text += _row("**all**", trials)
     problems = [f"- {trial.kind.name}, {trial.moment}{problem}" for trial in trials for problem in trial.problems]
     return text + ("\nProblems:\n\n" + "\n".join(problems) + "\n" if problems else "\nNo trial found a problem.\n")
-
-
-def _cpu_minutes() -> float:
-    """Return the CPU time of this process and of those that it started."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used) / 60
 
 
 def _row(name: str, trials: Sequence[Trial]) -> str:

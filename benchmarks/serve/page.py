@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from engine.core.errors import EnvironmentProblem
 from engine.scene import Camera, focal_and_center, read_camera_set
 
+from ..pictures import psnr, read_picture, rendered_by_engine
 from .server import ROOT, Row
 
 PAGE = ROOT / "engine" / "serve" / "page" / "dist"
@@ -56,23 +56,32 @@ def started_server(folder: Path, *more: str) -> Iterator[Iterator[str]]:
         process.communicate()
 
 
-def page_rows(project: Path) -> list[Row]:
-    """Measure the page with a copy of the project folder `project`, and return the rows of the table."""
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Start Chromium without a window, with WebGL in software."""
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
         raise EnvironmentProblem("Chromium is missing. Install it (Debian: apt-get install chromium).")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=WEBGL)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def page_rows(project: Path) -> list[Row]:
+    """Measure the page with a copy of the project folder `project`, and return the rows of the table."""
     sizes = {file.name: len(gzip.compress(file.read_bytes())) for file in PAGE.iterdir()}
-    with tempfile.TemporaryDirectory() as name, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory() as name, chromium() as browser:
         copied = Path(name) / "users" / "local" / "projects" / PROJECT
         shutil.copytree(project, copied / "project")
         (copied / "photos").mkdir()
         (copied / "info.json").write_text(json.dumps({"title": "Room", "created": "2026-01-01T00:00:00+00:00"}))
-        browser = playwright.chromium.launch(executable_path=program, args=WEBGL)
         with serving(Path(name)) as address:
             usable = [seconds_to_use(browser, address) for _ in range(N_OPENINGS)]
             views = [seconds_to_see(browser, address) for _ in range(N_OPENINGS)]
-            n_gaussians, psnr = compared(browser, address, copied / "project")
-        browser.close()
+            n_gaussians, likeness = compared(browser, address, copied / "project")
     small = sum(size for file, size in sizes.items() if file not in ("viewer.js", "licences.txt"))
     first, later = f"{views[0]:.1f} s", f"{np.median(views[1:]):.1f} s"
     return [
@@ -82,8 +91,8 @@ def page_rows(project: Path) -> list[Row]:
         (f"from the address to {n_gaussians:,} Gaussians seen, the first time (exported)", first, "5 s"),
         ("the same later, median", later, "5 s"),
         (
-            f"viewer beside the engine's picture, {len(psnr)} photos' cameras: mean and lowest PSNR",
-            f"{np.mean(psnr):.1f} dB, {min(psnr):.1f} dB",
+            f"viewer beside the engine's picture, {len(likeness)} photos' cameras: mean and lowest PSNR",
+            f"{np.mean(likeness):.1f} dB, {min(likeness):.1f} dB",
             "28 dB",
         ),
     ]
@@ -118,7 +127,7 @@ def compared(browser: Browser, address: str, project: Path) -> tuple[int, list[f
     """Return the number of Gaussians, and the PSNR of the viewer's pictures beside the engine's."""
     cameras = read_camera_set(project / "cameras").cameras
     chosen = [cameras[index] for index in np.linspace(0, len(cameras) - 1, N_VIEWS).astype(int)]
-    psnr = []
+    found_psnr = []
     with browser.new_context(viewport=SIZE) as context, tempfile.TemporaryDirectory() as name:  # type: ignore[arg-type]
         page = context.new_page()
         open_scene(page, address)
@@ -131,10 +140,10 @@ def compared(browser: Browser, address: str, project: Path) -> tuple[int, list[f
             begun.value.save_as(file)
             shown = read_picture(file)
             expected = engine_picture(project, camera, shown.shape[1], shown.shape[0], Path(name))
-            psnr.append(float(-10 * np.log10(np.mean((shown - expected) ** 2))))
+            found_psnr.append(psnr(shown, expected))
     found = re.search(r"([\d,.\s]+) Gaussians", facts)
     assert found is not None
-    return int(re.sub(r"\D", "", found[1])), psnr
+    return int(re.sub(r"\D", "", found[1])), found_psnr
 
 
 def engine_picture(project: Path, camera: Camera, width: int, height: int, folder: Path) -> NDArray[np.float64]:
@@ -166,13 +175,4 @@ def engine_picture(project: Path, camera: Camera, width: int, height: int, folde
         "cy": height / 2 + (cy - camera.height / 2) * scale,
         "viewmat": np.asarray(camera.viewmat).tolist(),
     }
-    (folder / "camera.json").write_text(json.dumps(values))
-    words = ["render", str(project), "--camera", str(folder / "camera.json"), "--out", str(folder / "engine.png")]
-    subprocess.run([sys.executable, "-m", "engine", *words, "--overwrite"], cwd=ROOT, check=True, capture_output=True)
-    return read_picture(folder / "engine.png")
-
-
-def read_picture(file: Path) -> NDArray[np.float64]:
-    """Return a picture file as [H, W, 3], sRGB in [0, 1]."""
-    with Image.open(file) as picture:
-        return np.asarray(picture.convert("RGB"), np.float64) / 255
+    return rendered_by_engine(project, values, folder)

@@ -18,6 +18,7 @@ import httpx
 import numpy as np
 
 from ..places import ROOT
+from ..processes import cpu_of
 from .breaking import measure_breaking, measure_silence
 
 Row = tuple[str, str, str]
@@ -66,8 +67,7 @@ class Server:
 
     def cpu_seconds(self) -> float:
         """Return the CPU time of the server itself, without the engine's."""
-        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return cpu_of(self.process.pid)
 
     def memory(self) -> int:
         """Return the resident bytes of the server."""
