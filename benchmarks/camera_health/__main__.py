@@ -20,7 +20,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="run only sets whose name contains this")
     parser.add_argument("--doc", type=Path, help="document to put the table into")
     arguments = parser.parse_args()
-    cases = [case for case in photo_cases(arguments.out / "rooms") if arguments.only in case.name]
+    cases = [case for case in photo_cases() if arguments.only in case.name]
     outcomes = [run_case(case, arguments.out / "sets", lambda line: print(line, flush=True)) for case in cases]
     print_table(table(outcomes), arguments.doc, "camera_health")
 

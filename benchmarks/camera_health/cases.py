@@ -12,9 +12,9 @@ import numpy as np
 from engine.cameras.settings import CameraSettings
 from engine.core.arrays import Float64
 
+from ..training.photo_sets import REAL_SETS
 from .sources import (
     QUICK,
-    REAL,
     Change,
     as_it_is,
     box_positions,
@@ -79,7 +79,7 @@ class PhotoCase:
     @property
     def is_real(self) -> bool:
         """Whether its photos are of a camera, not generated."""
-        return self.source in REAL
+        return self.source in REAL_SETS
 
 
 _CAUSES: dict[Kind, str] = {
@@ -99,8 +99,8 @@ def _any_corner(index: int, rng: np.random.Generator) -> tuple[float, float]:
     return float(rng.random()), float(rng.random())
 
 
-def photo_cases(kept: Path) -> list[PhotoCase]:
-    """Return all photo sets; `kept` is the folder in which the kept rooms are unpacked."""
+def photo_cases() -> list[PhotoCase]:
+    """Return all photo sets."""
     cases: list[PhotoCase] = []
 
     def add(
@@ -109,16 +109,16 @@ def photo_cases(kept: Path) -> list[PhotoCase]:
         true = {}
         if source.startswith("box"):
             true = box_positions()
-        elif source not in REAL and " and " not in source:
-            true = positions(source, kept)
+        elif source not in REAL_SETS and " and " not in source:
+            true = positions(source)
         named = tuple((causes or _CAUSES[kind]).split())
         cases.append(PhotoCase(f"{change}: {source}", kind, source, named, write, settings, true))
 
     def add_changed(kind: Kind, change: str, source: str, changes: Change, *, causes: str = "") -> None:
-        write = boxes(_seed(source), change=changes) if source.startswith("box") else changed(source, kept, changes)
+        write = boxes(_seed(source), change=changes) if source.startswith("box") else changed(source, changes)
         add(kind, change, source, write, causes=causes)
 
-    _add_sound(add, kept)
+    _add_sound(add)
     zooms: list[tuple[str, str, Change]] = [
         ("zoom of every second photo", "museum_room", zoomed(1.0, 1.9)),
         ("three zooms", "room_1", zoomed(1.0, 1.4, 2.2)),
@@ -141,20 +141,20 @@ def photo_cases(kept: Path) -> list[PhotoCase]:
     for change, source, how in zooms:
         add_changed("zoom", change, source, how)
 
-    add("swapped", "two files swapped", "room_3", given("room_3", kept, swapped((2, 9))))
-    add("swapped", "order reversed", "museum_room", given("museum_room", kept, lambda n: n[::-1]))
-    add("swapped", "neighbours swapped", "room_1", given("room_1", kept, swapped((4, 5), (9, 10))))
-    add("swapped", "order shifted by one", "room_5", given("room_5", kept, lambda n: n[1:] + n[:1]))
-    add("swapped", "wrong focal length given", "room_5", given("room_5", kept, list, focal=1.3))
+    add("swapped", "two files swapped", "room_3", given("room_3", swapped((2, 9))))
+    add("swapped", "order reversed", "museum_room", given("museum_room", lambda n: n[::-1]))
+    add("swapped", "neighbours swapped", "room_1", given("room_1", swapped((4, 5), (9, 10))))
+    add("swapped", "order shifted by one", "room_5", given("room_5", lambda n: n[1:] + n[:1]))
+    add("swapped", "wrong focal length given", "room_5", given("room_5", list, focal=1.3))
     for source, order in (("sakharov_statue32", swapped((2, 6))), ("herz_jesus25", swapped((3, 12)))):
-        add("swapped", "two files swapped", source, given_by_estimate(source, kept, order))
-    add("swapped", "two files swapped", "room_2", given("room_2", kept, swapped((4, 5))))
-    add("swapped", "order shifted by one", "room_6", given("room_6", kept, lambda n: n[1:] + n[:1]))
-    add("swapped", "wrong focal length given", "room_4", given("room_4", kept, list, focal=1.5))
-    add("swapped", "order reversed", "room_8", given("room_8", kept, lambda n: n[::-1]))
-    add("swapped", "three files in a circle", "room_4", given("room_4", kept, swapped((1, 7), (7, 12))))
-    add("swapped", "halves swapped", "store_room", given("store_room", kept, lambda n: n[8:] + n[:8]))
-    add("swapped", "two files swapped", "meeting_place9", given_by_estimate("meeting_place9", kept, swapped((1, 6))))
+        add("swapped", "two files swapped", source, given_by_estimate(source, order))
+    add("swapped", "two files swapped", "room_2", given("room_2", swapped((4, 5))))
+    add("swapped", "order shifted by one", "room_6", given("room_6", lambda n: n[1:] + n[:1]))
+    add("swapped", "wrong focal length given", "room_4", given("room_4", list, focal=1.5))
+    add("swapped", "order reversed", "room_8", given("room_8", lambda n: n[::-1]))
+    add("swapped", "three files in a circle", "room_4", given("room_4", swapped((1, 7), (7, 12))))
+    add("swapped", "halves swapped", "store_room", given("store_room", lambda n: n[8:] + n[:8]))
+    add("swapped", "two files swapped", "meeting_place9", given_by_estimate("meeting_place9", swapped((1, 6))))
 
     flips: list[tuple[str, str, Change]] = [
         ("mirrored half", "museum_room", mirrored(lambda i: i >= 8)),
@@ -177,7 +177,7 @@ def photo_cases(kept: Path) -> list[PhotoCase]:
 
     for seed in (3, 4, 5, *range(13, 16), *range(21, 29)):
         add("duplicated", "duplicated wall", f"box {seed}", boxes(seed, same_walls=True))
-    _add_others(add, add_changed, kept)
+    _add_others(add, add_changed)
     return cases
 
 
@@ -185,19 +185,19 @@ def _seed(source: str) -> int:
     return int(source.split()[1])
 
 
-def _add_sound(add: Callable[..., None], kept: Path) -> None:
+def _add_sound(add: Callable[..., None]) -> None:
     """Add the sound sets: the real ones whole, as files and with settings that a user has."""
     for name in ("museum_room", "store_room", *(f"room_{seed}" for seed in range(1, 9))):
-        add("sound", "sound", name, changed(name, kept, as_it_is))
-    for name in REAL:
-        add("sound", "sound", name, original_files(name, kept), settings=CameraSettings())
+        add("sound", "sound", name, changed(name, as_it_is))
+    for name in sorted(REAL_SETS):
+        add("sound", "sound", name, original_files(name), settings=CameraSettings())
     for name in ("room_1", "museum_room", "store_room"):
-        add("sound", "sound, given cameras", name, given(name, kept, list))
+        add("sound", "sound, given cameras", name, given(name, list))
     for seed in (1, 2, 16, 17, 18, 30, 31):
         add("sound", "sound", f"box {seed}", boxes(seed))
 
 
-def _add_others(add: Callable[..., None], add_changed: Callable[..., None], kept: Path) -> None:
+def _add_others(add: Callable[..., None], add_changed: Callable[..., None]) -> None:
     """Add sets that are spoilt in other ways than by zoom, names, mirrors and equal walls."""
     add_changed("other", "read as 8 bits, doubled", "museum_room", doubled, causes="stretched unclear")
     add_changed("other", "read as 8 bits, doubled", "room_4", doubled, causes="stretched unclear")
@@ -221,7 +221,7 @@ def _add_others(add: Callable[..., None], add_changed: Callable[..., None], kept
         ("room_2", "room_8", (8, 8)),
         ("room_6", "banana16", (11, 5)),
     ):
-        write = together(first, second, kept, counts)
+        write = together(first, second, counts)
         add("other", "two scenes", f"{first} and {second}", write, causes="several_scenes")
 
     anywhere = cropped(0.6, _any_corner)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -12,9 +11,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from benchmarks.places import ROOT
-from benchmarks.rooms.draws import KEPT_ROOMS
-from benchmarks.rooms.keeping import unpack_room
+from benchmarks.training.photo_sets import photo_set
 from engine.cameras import estimate_cameras
 from engine.cameras.settings import CameraSettings
 from engine.core.arrays import Float64
@@ -30,7 +27,6 @@ _SIDE = 800
 _COUNT = 16
 _BOX_COUNT = 12
 _BOX_RADIUS = 1.8
-REAL = ("banana16", "herz_jesus25", "meeting_place9", "sakharov_statue32", "skull66")
 
 
 # ---- pictures
@@ -42,17 +38,6 @@ def _reduced(picture: Image.Image) -> Image.Image:
     return picture
 
 
-def _folder_of(name: str, kept: Path) -> Path:
-    if name in REAL:
-        return Path(os.environ["GAUSSIAN_HERITAGE_DATA"]) / name
-    if name in ("museum_room", "store_room"):
-        return ROOT / "demo" / name
-    folder = kept / name
-    if not (folder / "photos").is_dir():
-        unpack_room(ROOT / KEPT_ROOMS / f"{name}.tar.xz", folder)
-    return folder
-
-
 def _chosen(name: str, available: int, count: int) -> list[int]:
     """Return the photos to take: evenly spaced ones, but the first of ``skull66``, and all of the sparse ``room_7``."""
     if name == "room_7" or count >= available:
@@ -62,16 +47,16 @@ def _chosen(name: str, available: int, count: int) -> list[int]:
 
 
 @functools.lru_cache(maxsize=3)
-def _pictures(name: str, kept: Path, count: int = _COUNT) -> tuple[tuple[str, Image.Image], ...]:
+def _pictures(name: str, count: int = _COUNT) -> tuple[tuple[str, Image.Image], ...]:
     """Return photos of a set in the order of their names, those of `_chosen`."""
-    files = sorted((_folder_of(name, kept) / "photos").glob("*.[jJ]*"))
+    files = sorted(photo_set(name).photos.glob("*.[jJ]*"))
     chosen = _chosen(name, len(files), count)
     return tuple((f"{name}_{index:02d}.jpg", _reduced(Image.open(files[index]))) for index in chosen)
 
 
-def _true_viewmats(name: str, kept: Path, count: int = _COUNT) -> dict[str, tuple[Float64, dict[str, float]]]:
+def _true_viewmats(name: str, count: int = _COUNT) -> dict[str, tuple[Float64, dict[str, float]]]:
     """Return the true pose and lens of each picture of `_pictures`; empty for real sets."""
-    file = _folder_of(name, kept) / "truth" / "cameras.json"
+    file = photo_set(name).photos.with_name("truth") / "cameras.json"
     if not file.is_file():
         return {}
     photos = {photo["file"]: photo for photo in json.loads(file.read_text())["photos"]}
@@ -85,8 +70,8 @@ def _true_viewmats(name: str, kept: Path, count: int = _COUNT) -> dict[str, tupl
     return result
 
 
-def positions(name: str, kept: Path) -> dict[str, Float64]:
-    return {photo: -m[:3, :3].T @ m[:3, 3] for photo, (m, _) in _true_viewmats(name, kept).items()}
+def positions(name: str) -> dict[str, Float64]:
+    return {photo: -m[:3, :3].T @ m[:3, 3] for photo, (m, _) in _true_viewmats(name).items()}
 
 
 def _save(folder: Path, pictures: Pictures) -> None:
@@ -98,20 +83,20 @@ def _save(folder: Path, pictures: Pictures) -> None:
 Change = Callable[[int, Image.Image], Image.Image]
 
 
-def changed(name: str, kept: Path, change: Change) -> Callable[[Path], None]:
+def changed(name: str, change: Change) -> Callable[[Path], None]:
     """Return a writer of the set `name` with `change` applied to the picture of each index."""
 
     def write(folder: Path) -> None:
-        _save(folder, [(file, change(index, one)) for index, (file, one) in enumerate(_pictures(name, kept))])
+        _save(folder, [(file, change(index, one)) for index, (file, one) in enumerate(_pictures(name))])
 
     return write
 
 
-def original_files(name: str, kept: Path) -> Callable[[Path], None]:
+def original_files(name: str) -> Callable[[Path], None]:
     """Return a writer of all photos of a set as they are."""
 
     def write(folder: Path) -> None:
-        shutil.copytree(_folder_of(name, kept) / "photos", folder)
+        shutil.copytree(photo_set(name).photos, folder)
 
     return write
 
@@ -225,15 +210,15 @@ def box_positions() -> dict[str, Float64]:
 Order = Callable[[list[str]], list[str]]
 
 
-def given(name: str, kept: Path, order: Order, *, focal: float = 1.0) -> Callable[[Path], Path]:
+def given(name: str, order: Order, *, focal: float = 1.0) -> Callable[[Path], Path]:
     """Return a writer of a set with its true cameras whose names are in another `order`.
 
     `focal` is a factor of the focal lengths.
     """
 
     def write(folder: Path) -> Path:
-        _save(folder, _pictures(name, kept))
-        cameras = _true_viewmats(name, kept)
+        _save(folder, _pictures(name))
+        cameras = _true_viewmats(name)
         return _transforms(
             folder,
             [
@@ -262,11 +247,11 @@ def _transforms(folder: Path, cameras: Sequence[tuple[str, Float64, dict[str, fl
     return model
 
 
-def given_by_estimate(name: str, kept: Path, order: Order) -> Callable[[Path], Path]:
+def given_by_estimate(name: str, order: Order) -> Callable[[Path], Path]:
     """Return a writer of a real set with cameras that were estimated from it, whose names are in another `order`."""
 
     def write(folder: Path) -> Path:
-        _save(folder, _pictures(name, kept))
+        _save(folder, _pictures(name))
         cameras = estimate_cameras(read_photos(folder), folder.parent / "given", QUICK).cameras
         renamed = order([camera.photo for camera in cameras])
         return _transforms(
@@ -291,5 +276,5 @@ def swapped(*pairs: tuple[int, int]) -> Order:
     return order
 
 
-def together(first: str, second: str, kept: Path, counts: tuple[int, int]) -> Callable[[Path], None]:
-    return lambda folder: _save(folder, _pictures(first, kept, counts[0]) + _pictures(second, kept, counts[1]))
+def together(first: str, second: str, counts: tuple[int, int]) -> Callable[[Path], None]:
+    return lambda folder: _save(folder, _pictures(first, counts[0]) + _pictures(second, counts[1]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -18,6 +17,7 @@ from engine.photos import read_photos
 from engine.scene import PhotoSet
 
 from ..places import ROOT
+from ..training.photo_sets import photo_set
 from .building import Building
 
 _SEED = 0
@@ -48,7 +48,7 @@ def set_of(name: str, work: Path) -> SizedSet:
         views = json.loads((_MUSEUM / "truth" / "cameras.json").read_text(encoding="utf-8"))["photos"]
         found = {view["file"]: _position(np.array(view["world_to_camera"], float)) for view in views}
         return SizedSet(read_photos(_MUSEUM / "photos"), found)
-    return SizedSet(read_photos(Path(os.environ["GAUSSIAN_HERITAGE_DATA"]) / name / "photos"))
+    return SizedSet(read_photos(photo_set(name).photos))
 
 
 def _building(count: int, work: Path) -> SizedSet:
