@@ -358,7 +358,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("n", type=int, nargs="?", default=1_000_000, help="number of Gaussians of a scene")
     parser.add_argument("--results", type=Path, default=Path("out/gpu"))
     parser.add_argument("--doc", type=Path, default=Path("docs/gpu.md"))
-    parser.add_argument("--software", action="store_true", help="accept the processor as a card")
     options = parser.parse_args(arguments)
     if options.part == "first-picture":
         print(json.dumps(first_picture()))
@@ -366,7 +365,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.part == "document":
         put_into(options.doc, "figures", document(options.results))
         return
-    gpu = open_adapter(software=options.software)
+    gpu = open_adapter()
     if options.part == "start":
         name, found = "start", measure_starts()
     elif options.part == "ceilings":

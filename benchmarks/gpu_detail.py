@@ -4,18 +4,14 @@ Scene and photos are drawn from a seed, not made of photos: a striped ball of 10
 others. Its photos are pictures of 90,000 finer ones. So the times are those of a real object, and the gain is not.
 
 example: python -m benchmarks.gpu_detail --devices gpu
-         python -m benchmarks.gpu_detail --devices cpu --profile
 """
 
 from __future__ import annotations
 
 import argparse
-import cProfile
-import pstats
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,9 +83,7 @@ def main() -> None:
     """Print seconds and gain of each device."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--devices", default="gpu", help="gpu, cpu or both (default: %(default)s)")
-    parser.add_argument("--steps", type=int, default=BETTER.detail_steps, help="(default: %(default)s)")
     parser.add_argument("--repeats", type=int, default=2, help="the first one compiles kernels (default: %(default)s)")
-    parser.add_argument("--profile", action="store_true", help="also print what takes the time")
     options = parser.parse_args()
     devices = options.devices.split(",")
     rng, views = np.random.default_rng(0), cameras()
@@ -104,24 +98,17 @@ def main() -> None:
         for device in devices:
             for _ in range(options.repeats):
                 seen = Views(Scene(coarse, backend=device), camera_set, render_side=BETTER.render_side)
-                settings = replace(BETTER, detail_steps=options.steps)
                 begun: list[float] = []
-                profile = cProfile.Profile()
                 wall, cpu = time.perf_counter(), time.process_time()
-                if options.profile:
-                    profile.enable()
                 result = detail_object(
-                    seen, photos, members, settings, should_stop=never_stop,
+                    seen, photos, members, BETTER, should_stop=never_stop,
                     tell=lambda done, left, begun=begun: begun.append(time.perf_counter()) if left else None,
                 )  # fmt: skip
-                profile.disable()
                 end, used = time.perf_counter(), time.process_time() - cpu
                 sys.stdout.write(
                     f"{device}: {end - wall:.1f} s, CPU {used:.1f} s, to the 20th step {begun[0] - wall:.1f} s, "
                     f"after the last {end - begun[-1]:.1f} s: {result.record}\n"
                 )
-                if options.profile:
-                    pstats.Stats(profile, stream=sys.stdout).sort_stats("tottime").print_stats(25)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from engine.core.events import Event, Progress, never_stop
 from engine.core.files import file_sha256
 from engine.core.system import cpu_seconds
 from engine.masks import label_map_path, load_default_sam, make_masks, read_label_map
-from engine.masks.settings import PRESETS
+from engine.masks.settings import MaskSettings
 from engine.quality.evaluation.ground_truth import read_ground_truth
 from engine.scene import Photo, PhotoSet
 
@@ -47,18 +47,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path)
     parser.add_argument("--every", type=int, default=1, help="use every n-th photo only")
-    parser.add_argument("--preset", choices=sorted(PRESETS), default="default")
     options = parser.parse_args()
     print("| photos of | photos | CPU s, median | wall s, mean | segments | objects | best segment | best union |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     results = []
     for folder in options.folders:
-        results.append(_measure(folder, options.every, options.preset))
+        results.append(_measure(folder, options.every))
         print(_row(folder.name, results[-1:]), flush=True)
     print(_row("all", results))
 
 
-def _measure(folder: Path, every: int, preset: str) -> _Result:
+def _measure(folder: Path, every: int) -> _Result:
     names = sorted(path.name for path in (folder / "photos").iterdir() if path.suffix == ".jpg")[::every]
     photos = tuple(_photo(folder / "photos", name) for name in names)
     times: list[float] = []
@@ -71,7 +70,7 @@ def _measure(folder: Path, every: int, preset: str) -> _Result:
     with tempfile.TemporaryDirectory() as out:
         start = time.perf_counter()
         make_masks(
-            PhotoSet(folder / "photos", photos, ()), names, Path(out), PRESETS[preset], lambda: sam,
+            PhotoSet(folder / "photos", photos, ()), names, Path(out), MaskSettings(), lambda: sam,
             emit=note, should_stop=never_stop,
         )  # fmt: skip
         wall = (time.perf_counter() - start) / len(names)

@@ -225,13 +225,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.real_sets", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/real_sets"), help="(default: %(default)s)")
     parser.add_argument("--sets", default=",".join(SETS), help="(default: %(default)s)")
-    parser.add_argument("--methods", default=",".join(METHODS), help="by one mask (default: %(default)s)")
-    parser.add_argument("--prompts", default=",".join(PROMPTS), help="of `better` (default: %(default)s)")
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table into this file")
     options = parser.parse_args(arguments)
-    methods, prompts = options.methods.split(","), [one for one in options.prompts.split(",") if one]
-    rows = [row for name in options.sets.split(",") for row in measured(name, options.out, methods, prompts)]
-    print_table(table(rows, [*methods, *prompts]), options.doc, _PART, MARKS["in sample"])
+    rows = [row for name in options.sets.split(",") for row in measured(name, options.out, METHODS, PROMPTS)]
+    print_table(table(rows, [*METHODS, *PROMPTS]), options.doc, _PART, MARKS["in sample"])
     return 0
 
 

@@ -143,7 +143,6 @@ def main() -> int:
     )
     parser.add_argument("--list", action="store_true", help="print the names of the steps")
     parser.add_argument("--keep", action="store_true", help="continue with the computers of the last run")
-    parser.add_argument("--engine-folder", help="of Windows, for the engine (default: the product's own choice)")
     options = parser.parse_args()
     every = [*test_steps(quick=False), *way_steps()]
     steps = test_steps(quick=True) if options.quick else every
@@ -155,9 +154,8 @@ def main() -> int:
     try:
         cache = cache_folder()
         make_computer(cache)
-        variables = {"GAUSSIAN_HERITAGE_ENGINE": options.engine_folder} if options.engine_folder else {}
         keep = options.keep or bool(options.only)
-        context = Context(options.product.resolve(), cache, keep=keep, variables=variables)
+        context = Context(options.product.resolve(), cache, keep=keep)
         tell = _writer(options.doc, [one.name for one in every], context.product) if options.doc else lambda _: None
         results = run_steps(steps, context, tell)
     except Problem as problem:

@@ -51,7 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run all cases and write the table; return 1 when something outside of a project was changed."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.security.hostile", description=__doc__)
     parser.add_argument("--only", default="", help="cases with this text in their names")
-    parser.add_argument("--no-blender", action="store_true", help="only the commands of the engine")
     parser.add_argument("--workers", type=int, default=2, help="processes at the same time (default: %(default)s)")
     parser.add_argument("--out", type=Path, help="Markdown file to write; by default the table is printed")
     options = parser.parse_args(arguments)
@@ -59,13 +58,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="heritage-hostile-") as name:
         folder = Path(name).resolve()
         numbers = [number for number, case in enumerate(ALL_CASES) if options.only in case.name]
-        tasks: list[Callable[[], list[Outcome]]] = []
         environment = _environment(folder)
         embeddings = folder / "embeddings"
         embeddings.mkdir()
         _engine(folder / "honest", embeddings, [], environment)
-        if not options.no_blender:
-            tasks.append(lambda: run_blender(folder, embeddings, numbers, environment))
+        tasks: list[Callable[[], list[Outcome]]] = [lambda: run_blender(folder, embeddings, numbers, environment)]
         # Dealt out, so that each worker gets short and long cases.
         shares = [numbers[start :: 4 * options.workers] for start in range(4 * options.workers)]
         tasks += [

@@ -324,11 +324,7 @@ def main() -> int:
     """Run one program and return its exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--prefix", default="default", help="Windows computer to use; made when new (%(default)s)")
-    parser.add_argument("--cwd", type=Path, default=Path.cwd(), help="folder of work (%(default)s)")
     parser.add_argument("--packages", action="store_true", help="use the environment with all locked packages")
-    parser.add_argument(
-        "--program", type=Path, help="another program than python.exe, for example of an installed engine"
-    )
     parser.add_argument("--code-page", choices=CODE_PAGES, default="cp1252", help="(%(default)s)")
     parser.add_argument("--max-path", type=int, default=0, help="260 as on Windows; 0: no limit (%(default)s)")
     parser.add_argument("--timeout", type=float, help="seconds")
@@ -339,10 +335,10 @@ def main() -> int:
     windows = Windows(
         prefix=options.prefix, code_page=options.code_page, max_path=options.max_path, environment=environment
     )
-    program = options.program or (windows.tests_python if options.packages else windows.python)
+    program = windows.tests_python if options.packages else windows.python
     words = [Path(word[5:]) if word.startswith("file:") else word for word in options.arguments]
     try:
-        done = windows.run([program, *words], cwd=options.cwd, timeout=options.timeout, capture=False)
+        done = windows.run([program, *words], cwd=Path.cwd(), timeout=options.timeout, capture=False)
     except Problem as problem:
         print(f"Failed: {problem}", file=sys.stderr)
         return 1

@@ -23,8 +23,6 @@ class Context:
         As `launch.cache_folder`.
     keep : bool
         Whether the computers of an earlier run are used again.
-    variables : dict
-        Environment variables of the way of a curator.
     found : dict
         What a step leaves for later ones.
     """
@@ -32,7 +30,6 @@ class Context:
     product: Path
     cache: Path
     keep: bool = False
-    variables: dict[str, str] = field(default_factory=dict)
     found: dict[str, Any] = field(default_factory=dict)
 
     @property

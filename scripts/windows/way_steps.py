@@ -94,7 +94,7 @@ def set_up_from_network(context: Context) -> str:
 
 def set_up_from_bundle(context: Context) -> str:
     """Set the engine up on a computer without a network."""
-    computer = context.computer("offline", max_path=MAX_PATH, network=False, environment=context.variables)
+    computer = context.computer("offline", max_path=MAX_PATH, network=False)
     bundle = computer.home / "Downloads" / "Gaussian Heritage für Windows.zip"
     bundle.parent.mkdir(exist_ok=True)
     shutil.copy(_bundle(context), bundle)
@@ -116,7 +116,7 @@ def set_up_again(context: Context, code_page: str) -> str:
 
 def set_up_without_runtime(context: Context) -> str:
     """Set up where Microsoft's Visual C++ runtime is not installed: one sentence says so, and the engine is kept."""
-    computer = context.computer("no-runtime", max_path=MAX_PATH, environment=context.variables)
+    computer = context.computer("no-runtime", max_path=MAX_PATH)
     source = _curator(context)
     shutil.rmtree(computer.folder)
     subprocess.run(["cp", "-al", str(source.folder), str(computer.folder)], check=True)
@@ -130,7 +130,7 @@ def set_up_without_runtime(context: Context) -> str:
 
 
 def _curator(context: Context, **options: Any) -> Windows:
-    return context.computer("curator", max_path=MAX_PATH, environment=context.variables, **options)
+    return context.computer("curator", max_path=MAX_PATH, **options)
 
 
 def _bundle(context: Context) -> Path:
