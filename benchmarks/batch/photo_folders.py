@@ -4,27 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PIL import Image
-
-from ..places import ROOT
 from ..security.kills_checks import scene_of
+from ..security.kills_fixture import write_small_photos
 
-_ROOM = ROOT / "demo" / "museum_room" / "photos"
 _N_VIEWS = 48
-_SIZE = (384, 288)
 
 
 def write_folders(folder: Path, count: int, n_photos: int) -> list[Path]:
     """Write `count` folders of neighbouring photos of the museum room, each beginning at another photo."""
     made = []
     for number in range(count):
-        photos = folder / f"scan_{number}"
-        photos.mkdir(parents=True)
-        for i in range(n_photos):
-            name = f"view_{(4 + 5 * number + i) % _N_VIEWS:02}.jpg"
-            with Image.open(_ROOM / name) as picture:
-                picture.resize(_SIZE, Image.Resampling.LANCZOS).save(photos / name, quality=95)
-        made.append(photos)
+        made.append(folder / f"scan_{number}")
+        write_small_photos(made[-1], [(4 + 5 * number + i) % _N_VIEWS for i in range(n_photos)])
     return made
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 from PIL import Image
 
 from engine.core.errors import Cancelled
@@ -26,6 +27,15 @@ _PROMPTS = ("teapot", "hourglass")
 """Texts that are found in them; `_FURTHER`, too."""
 _FURTHER = "jug"
 _CLICK = "view_08.jpg=160,150"
+
+
+def write_small_photos(folder: Path, views: Iterable[int]) -> None:
+    """Write these photos of the museum room, reduced, into a new folder."""
+    folder.mkdir(parents=True)
+    for view in views:
+        name = f"view_{view:02}.jpg"
+        with Image.open(ROOT / "demo" / "museum_room" / "photos" / name) as photo:
+            photo.resize(_SIZE, Image.Resampling.LANCZOS).save(folder / name, quality=95)
 
 
 @dataclass(frozen=True)
@@ -164,11 +174,7 @@ class Fixture:
 
     def make_states(self) -> None:
         """Make the photos and the projects as they stand before each stage. `shorten_stages` was called before."""
-        self.photos.mkdir(parents=True)
-        for view in _VIEWS:
-            name = f"view_{view:02}.jpg"
-            with Image.open(ROOT / "demo" / "museum_room" / "photos" / name) as photo:
-                photo.resize(_SIZE, Image.Resampling.LANCZOS).save(self.photos / name, quality=95)
+        write_small_photos(self.photos, _VIEWS)
         self._run_until("cameras", wants_objects=False)
         shutil.rmtree(self._work)
         for stage in ("masks", "training"):
@@ -231,32 +237,14 @@ def require_objects(project: Path, texts: Sequence[str]) -> None:
 def _write_colmap_model(cameras: Path, folder: Path) -> None:
     """Write the cameras of a project as a COLMAP model in text, to be given to ``--cameras``."""
     folder.mkdir()
-    camera_set = read_camera_set(cameras)
-    lenses, images = [], []
+    camera_set, model = read_camera_set(cameras), pycolmap.Reconstruction()
     for number, camera in enumerate(camera_set.cameras, start=1):
-        numbers = " ".join(repr(float(value)) for value in camera.params)
-        lenses.append(f"{number} {camera.model} {camera.width} {camera.height} {numbers}")
-        pose = " ".join(repr(float(value)) for value in (*_quaternion(camera.viewmat[:3, :3]), *camera.viewmat[:3, 3]))
-        images += [f"{number} {pose} {number} {camera.photo}", ""]
-    points = [
-        f"{number} {' '.join(repr(float(value)) for value in point)} 128 128 128 0.5"
-        for number, point in enumerate(camera_set.points, start=1)
-    ]
-    for name, lines in (("cameras", lenses), ("images", images), ("points3D", points)):
-        (folder / f"{name}.txt").write_text("\n".join([*lines, ""]), encoding="utf-8")
-
-
-def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Return the unit quaternion wxyz of a rotation matrix [3, 3]."""
-    m = rotation
-    # The eigenvector of the largest eigenvalue: right for every rotation, without cases.
-    k = np.array(
-        [
-            [m[0, 0] - m[1, 1] - m[2, 2], m[1, 0] + m[0, 1], m[2, 0] + m[0, 2], m[2, 1] - m[1, 2]],
-            [m[1, 0] + m[0, 1], m[1, 1] - m[0, 0] - m[2, 2], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
-            [m[2, 0] + m[0, 2], m[2, 1] + m[1, 2], m[2, 2] - m[0, 0] - m[1, 1], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], m[0, 0] + m[1, 1] + m[2, 2]],
-        ]
-    )
-    x, y, z, w = np.linalg.eigh(k)[1][:, -1]
-    return np.array([w, x, y, z])
+        lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
+        lens.camera_id = number
+        model.add_camera_with_trivial_rig(lens)
+        rotation = pycolmap.Rotation3d(np.ascontiguousarray(camera.viewmat[:3, :3]))
+        image = pycolmap.Image(name=camera.photo, camera_id=number, image_id=number)
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(rotation, camera.viewmat[:3, 3]))
+    for point in camera_set.points:
+        model.add_point3D(point, pycolmap.Track(), np.full(3, 128, np.uint8))
+    model.write_text(folder)
