@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 from PIL import Image
-from window_driver import PACKAGE, SCREEN_HEIGHT, Window
+from window_driver import PACKAGE, SCREEN_HEIGHT, Window, addon_module
 
 RULER_COLOR = (255, 191, 51)
 _OTHER_WORDS = f"""
@@ -80,7 +80,7 @@ for area in first.screen.areas:
 def edit_by_hand(window: Window) -> None:
     """Select the object by a click in the view, take a part of it by a box, undo, take it again, and store it."""
     (x, y), height = frame_object(window)
-    edits = f"__import__('{PACKAGE}.gaussian_heritage_addon.project.hand_edits', fromlist=['x'])"
+    edits = addon_module("project.hand_edits")
     window.python("bpy.context.scene.heritage.active = -1")
     invoke(window, "pick_object", action="SELECT")
     window.click(x, y)
@@ -103,7 +103,7 @@ def edit_by_hand(window: Window) -> None:
     window.drag(*region)
     after = int(window.python(f"print({count})"))
     window.python("bpy.ops.heritage.store_edits()")
-    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
+    state = f"{addon_module('jobs.job_runner')}.current()"
     window.wait_for(f"'edit' in {state}[0].command and not {state}[1].running", 120)
     window.wait_for(f"not {obj}.heritage.is_edited", 30)
     window.check("the edit is stored in the project", f"{state}[1].finished and {count} == {after} < {before}")
@@ -151,7 +151,7 @@ def measure_scene(window: Window) -> None:
     for end in ends:
         window.click(*end)
     time.sleep(3)
-    measuring = f"__import__('{PACKAGE}.gaussian_heritage_addon.project.measuring', fromlist=['x'])"
+    measuring = addon_module("project.measuring")
     # The view may have moved by a few pixels, and so may the ends.
     window.check(
         "the ruler shows the known distance", f"abs({measuring}.rulers(bpy.context.scene)[-1][1] - 0.3) < 0.06"

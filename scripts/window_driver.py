@@ -14,6 +14,11 @@ SCREEN_HEIGHT = 1000
 _SCRIPT = ROOT / "scripts" / "window" / "window.sh"
 
 
+def addon_module(name: str) -> str:
+    """Return the expression that is a module of the add-on in the window."""
+    return f"__import__('{PACKAGE}.gaussian_heritage_addon.{name}', fromlist=['x'])"
+
+
 class Failed(Exception):
     """Something that a curator would see is not as it should be."""
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from places import ROOT
-from window_driver import PACKAGE, Window
+from window_driver import Window, addon_module
 
 SIDE, LEAST_LIKENESS = 120, 28.0
 """Longest side of the renders in pixels: EEVEE is slow in software; and the goal of renders of splats in dB."""
 ENGINES = ("CYCLES", "BLENDER_EEVEE")
-PROJECT_OF = f"__import__('{PACKAGE}.gaussian_heritage_addon.splats.properties', fromlist=['x']).project_of"
+PROJECT_OF = f"{addon_module('splats.properties')}.project_of"
 ADD_BLACK_WORLD = """
 world = bpy.data.worlds.new("black")
 world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)

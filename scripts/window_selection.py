@@ -6,15 +6,10 @@ import time
 
 import numpy as np
 from window_by_hand import frame_object, invoke
-from window_driver import PACKAGE, Window
+from window_driver import Window, addon_module
 
-ADDON = f"{PACKAGE}.gaussian_heritage_addon"
 LAYER = "bpy.context.window_manager.windows[0].view_layer"
 ROW = "bpy.context.scene.heritage.active"
-
-
-def _module(name: str) -> str:
-    return f"__import__('{ADDON}.{name}', fromlist=['x'])"
 
 
 def _is_selected(name: str) -> str:
@@ -68,9 +63,9 @@ def _look_in_edit_mode(window: Window, place: tuple[float, float], height: float
     (x, y), half = place, 0.25 * height
     window.keys("Tab")
     window.keys("alt+a")
-    flags = f"{_module('splats.edited_splats')}.vertex_flags({obj})"
+    flags = f"{addon_module('splats.edited_splats')}.vertex_flags({obj})"
     window.check("the mode is Edit Mode, in which nothing is selected", f"not {flags}[0].any()")
-    view = _module("splats.splat_view")
+    view = addon_module("splats.splat_view")
     window.check("the object is drawn in Edit Mode", f"{obj}.data.name_full in {view}._state.edited")
     window.check("what is below the threshold is no dot", f"(~{flags}[1]).sum() == len({_rows(obj)})")
     window.drag(x - half, y - half, x, y, x + half, y + half)
@@ -93,15 +88,15 @@ def _rename(window: Window, name: str, obj: str) -> None:
 
 
 def _rows(obj: str) -> str:
-    return f"{_module('project.hand_edits')}.member_rows({obj})"
+    return f"{addon_module('project.hand_edits')}.member_rows({obj})"
 
 
 def change_tools(window: Window) -> None:
     """Press *North*, then *Pick*: clicks belong to the last one, and Escape leaves it."""
     (x, y), _ = frame_object(window)
     running = "[o.bl_idname for o in bpy.context.window_manager.windows[0].modal_operators]"
-    project = f"{_module('splats.properties')}.project_of(bpy.context.scene.heritage)"
-    stored = f"{_module('project.measuring')}.current_measurement({project})"
+    project = f"{addon_module('splats.properties')}.project_of(bpy.context.scene.heritage)"
+    stored = f"{addon_module('project.measuring')}.current_measurement({project})"
     before = window.python(f"print({stored})")
     invoke(window, "measure", action="NORTH")
     invoke(window, "measure", action="RULER")
@@ -119,8 +114,8 @@ def change_tools(window: Window) -> None:
 
 def say_time_of_improving(window: Window) -> None:
     """Open the dialog of *Improve* as in a new session, and wait until it says how long the training takes."""
-    times = _module("jobs.preset_times")
-    dialog = _module("blender.open_dialog")
+    times = addon_module("jobs.preset_times")
+    dialog = addon_module("blender.open_dialog")
     drawn = f"open({str(window.work / 'calls.jsonl')!r}).read().count('improve_scene.draw')"
     window.python(f"{times}.stop(); {times}._known.clear()")
     invoke(window, "improve_scene", preset="standard")
@@ -136,12 +131,12 @@ def say_time_of_improving(window: Window) -> None:
 
 def continue_jobs(window: Window) -> None:
     """Start two jobs, stop both, and continue the first."""
-    runner = _module("jobs.job_runner")
+    runner = addon_module("jobs.job_runner")
     stopped = f"{runner}.stopped(bpy.context.scene)"
     names = f"[job.command[-1] for _, job, _ in {stopped}]"
     count = int(window.python(f"print(len({stopped}))"))
     window.python("bpy.ops.heritage.isolate(prompt='vase')\nbpy.ops.heritage.isolate(prompt='teapot')")
-    text = f"{_module('panels.scene_panel')}._running_text(*{runner}.current())"
+    text = f"{addon_module('panels.scene_panel')}._running_text(*{runner}.current())"
     window.check("the first row says what waits", f"'+1 waiting: isolate teapot' in {text}")
     time.sleep(2)
     window.shot("waiting")

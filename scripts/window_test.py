@@ -19,8 +19,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from places import ROOT, python_of
-from window_by_hand import edit_by_hand, measure_scene
-from window_driver import PACKAGE, Failed, Window
+from window_by_hand import edit_by_hand, invoke, measure_scene
+from window_driver import PACKAGE, Failed, Window, addon_module
 from window_drops import drop_files
 from window_render import move_project, render_as_shown
 from window_report import report
@@ -53,8 +53,8 @@ COMPARED_SIDE, MIN_LIKENESS = 320, 40.0
 """Longest side in pixels, and least PSNR in dB, of what the viewports draw beside the picture of the engine.
 
 Seen were 47 to 50 dB on other scenes; half precision and 8 bits explain the rest."""
-VIEW = f"__import__('{PACKAGE}.gaussian_heritage_addon.splats.splat_view', fromlist=['x'])"
-PICTURE = f"next(iter({VIEW}._state.pictures.values())).offscreen"
+JOB = f"{addon_module('jobs.job_runner')}.current()"
+PICTURE = f"next(iter({addon_module('splats.splat_view')}._state.pictures.values())).offscreen"
 COVER = f"__import__('numpy').array({PICTURE}.texture_color.read().to_list())[..., 3].mean()"
 """The picture of the splats, and the share of it that they cover."""
 REGION = (
@@ -114,12 +114,11 @@ print(time_calls({PACKAGE!r}))
     window.shot("licences")
     begin = time.monotonic()
     window.run("key", "Return")
-    window.wait_for(f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()", 120)
+    window.wait_for(JOB, 120)
     time.sleep(8)
     window.shot("setting_up")
-    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()[1]"
-    window.wait_for(f"not {state}.running", 600)
-    window.check("the engine is ready", f"{state}.finished")
+    window.wait_for(f"not {JOB}[1].running", 600)
+    window.check("the engine is ready", f"{JOB}[1].finished")
     return time.monotonic() - begin
 
 
@@ -140,9 +139,8 @@ for window in bpy.context.window_manager.windows:
     window.click(right - 75, bottom - 24)
     time.sleep(25)
     window.shot("progress")
-    job = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
-    window.wait_for(f"{job}[0].kind == 'reconstruct' and not {job}[1].running", 1200)
-    window.check("the scene was reconstructed", f"{job}[1].finished")
+    window.wait_for(f"{JOB}[0].kind == 'reconstruct' and not {JOB}[1].running", 1200)
+    window.check("the scene was reconstructed", f"{JOB}[1].finished")
     time.sleep(5)
     view = "[a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D'][0].spaces.active"
     window.check("the viewport keeps its mode of shading", f"{view}.shading.type == 'SOLID'")
@@ -218,14 +216,8 @@ def isolate_by_click(window: Window) -> None:
     left, top, width, height = window.region("VIEW_3D", "WINDOW")
     ui_left, ui_top, ui_width, _ = window.region("VIEW_3D", "UI")
     before = window.python("print(len(bpy.data.objects))")
-    window.python("""
-for area in bpy.context.window_manager.windows[0].screen.areas:
-    if area.type == "VIEW_3D":
-        region = [region for region in area.regions if region.type == "WINDOW"][0]
-        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area, region=region):
-            bpy.ops.heritage.click_object("INVOKE_DEFAULT")
-""")
-    time.sleep(20)
+    invoke(window, "click_object")
+    time.sleep(18)
     window.check(
         "the photo is in front of the splats", "bpy.context.scene.camera.data.background_images[0].image.has_data"
     )
@@ -233,9 +225,8 @@ for area in bpy.context.window_manager.windows[0].screen.areas:
     window.click(left + (ui_left - left) / 2, top + height * 0.55)
     time.sleep(5)
     window.run("key", "Return")
-    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
-    window.wait_for(f"{state}[0].kind == 'segment' and not {state}[1].running", 300)
-    window.check("the click isolated an object", f"{state}[1].finished")
+    window.wait_for(f"{JOB}[0].kind == 'segment' and not {JOB}[1].running", 300)
+    window.check("the click isolated an object", f"{JOB}[1].finished")
     window.wait_for(f"len(bpy.data.objects) > {before}", 60)
     window.check("the new object is selected", "[o.heritage.role for o in bpy.context.selected_objects] == ['OBJECT']")
     window.check(
@@ -270,10 +261,9 @@ bpy.ops.heritage.find_objects()
     window.run("crash")
     window.start("again")
     window.python(f"bpy.ops.wm.open_mainfile(filepath={str(window.work / 'museum.blend')!r})")
-    module = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x'])"
-    window.wait_for(f"{module}.current() is not None", 30)
-    window.check("the job is found after a crash", f"{module}.current()[0].of_earlier_session")
-    window.wait_for(f"not {module}.current()[1].running", 600)
+    window.wait_for(f"{JOB} is not None", 30)
+    window.check("the job is found after a crash", f"{JOB}[0].of_earlier_session")
+    window.wait_for(f"not {JOB}[1].running", 600)
     time.sleep(5)
     window.check(
         "its objects arrive in the file", "len([o for o in bpy.data.objects if o.heritage.role == 'OBJECT']) > 1"
@@ -336,15 +326,13 @@ def main() -> int:
     (work / "home").mkdir(parents=True)
     python = Path(os.path.realpath(python_of("engine")))
     window = Window(work, root, [python.parent.parent])
-    subprocess.run(
-        [
-            python_of("blender-4.5"),
-            ROOT / "scripts" / "build_extension.py",
-            "--out",
-            work / "home/gaussian_heritage.zip",
-        ],
-        check=True,
-    )
+    build = [
+        python_of("blender-4.5"),
+        ROOT / "scripts/build_extension.py",
+        "--out",
+        work / "home/gaussian_heritage.zip",
+    ]
+    subprocess.run(build, check=True)
     shutil.copy(options.bundle, work / "bundle.zip")
     unpack = [python_of("engine"), "-m", "benchmarks.rooms", "unpack", ROOM, "--out", work / ROOM]
     subprocess.run(unpack, cwd=ROOT, check=True)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from window_driver import PACKAGE, Window
+from window_driver import Window, addon_module
 
 WORD = "ciborium"
 """A word of museums that the vocabulary does not know: a goblet with a lid."""
-JOB = f"__import__('{PACKAGE}.gaussian_heritage_addon.jobs.job_runner', fromlist=['x']).current()"
+JOB = f"{addon_module('jobs.job_runner')}.current()"
 ISOLATED = "[one.name for one in bpy.context.scene.objects if one.heritage.role == 'OBJECT']"
 PROMPT_BELOW, ISOLATE_BELOW, LEARN_BELOW = 390, 416, 490
 """The field and buttons of the panel *Objects* of a project without objects, in pixels under the top of the sidebar."""

