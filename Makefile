@@ -152,7 +152,7 @@ bench-off-path: setup ## presets in views that no photo has, of choosing rooms, 
 		--table "off the path on the processor"
 
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
-	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
+	$(ENGINE) -m benchmarks.raster --document docs/rasterizer_speed.md
 
 bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; FUSED_SSIM=folder of its sources; needs a graphics card; 5 minutes
 	$(ENGINE) -m benchmarks.gpu start

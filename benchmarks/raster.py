@@ -1,4 +1,4 @@
-"""Cost of the rasterizer, the loss and Adam on the CPU: ``python -m benchmarks.raster [--out FILE.md]``.
+"""Cost of the rasterizer, the loss and Adam on the CPU: ``python -m benchmarks.raster [--document FILE]``.
 
 It renders the same scenes with our ``cpu`` rasterizer (one and two threads; all vector instructions of this processor,
 and AVX2 only), with a scalar, unblocked rasterizer in Numba and with the torch reference, in one run. Goals refer to
@@ -25,22 +25,12 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.core.files import write_file
-
+from .documents import print_table
 from .opensplat import StepTimes, compare_steps
 
 _SMALL, _LARGE = (640, 480), (1600, 1200)
 _NUMBA_DEFAULTS = {"NUMBA_OPT": "3", "NUMBA_LOOP_VECTORIZE": "1"}
 """Environment that restores Numba's defaults, which `engine.rasterizer.jit` changes."""
-
-_OPENSPLAT_MEASURED = (
-    "OpenSplat: both programs train only colours, from the same points, at full image size, in one run."
-)
-_OPENSPLAT_MISSING = """\
-Not compared with OpenSplat in this run: its program was not at hand. On two shared cores and in one hour, a step on
-sakharov_statue32 at 660x999 pixels with 6,200 Gaussians took OpenSplat 1.2.0 1,970 to 2,020 CPU ms, the version before
-it 2,940, and ours 140: 14 times fewer. The goal is 25 times. `python -m benchmarks.raster --opensplat PROGRAM PROJECT`
-adds the rows."""
 
 _AVX2 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma,+bmi,+bmi2,+f16c,+lzcnt,+popcnt"}
 
@@ -257,10 +247,10 @@ def parts(results: list[tuple[Case, dict[str, float]]]) -> str:
 
 
 def main() -> None:
-    """Measure and print the tables, and write them to the file given by ``--out``."""
+    """Measure and print the tables, and put them into a document."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="measure only 20,000 Gaussians at 640x480")
-    parser.add_argument("--out", type=Path, help="Markdown file for the tables")
+    parser.add_argument("--document", type=Path, help="put the tables between the marks of this document")
     parser.add_argument(
         "--opensplat", type=Path, nargs=2, metavar=("PROGRAM", "PROJECT"),
         help="also compare a training step with this program of OpenSplat on a folder with images/ and sparse/0/",
@@ -274,42 +264,11 @@ def main() -> None:
         print(case, round_figures, file=sys.stderr, flush=True)
     results = list(best.items())
     peak = max(f["peak_gflops"] for c, f in results if c.what == "blend")
-    text = f"""# Speed of the rasterizer
-
-Written by `make bench-raster`. The times are CPU milliseconds of a forward and backward pass with projection, the
-shortest of all repeats. Those of 20,000 Gaussians at 640x480 are measured in three rounds. Figures that are divided by
-each other here come from one round: the one with the fastest blending, or the one in which plain arithmetic gained most
-from a second thread.
-
-**In sample**: the kernels were tuned on this scene; the times of others differ.
-
-- Scene: Gaussians with radii of 2 to 15 pixels at three standard deviations and opacities sigmoid(N(0, 1.5)).
-- K channels: 3 are the colours of harmonics of degree 1, 16 are features, 19 are both.
-- blending alone: our tile lists and blending, forward and backward, without projection. The scalar rasterizer and the
-  arithmetic floor do not include projection either.
-- scalar, unblocked Numba: one pixel and one Gaussian at a time, without vectors or blocks (`benchmarks/textbook.py`).
-  It shows what vectors and blocks gain. It is no fast rasterizer, so no goal refers to it.
-- torch reference: its autograd graph does not fit in memory for the larger scenes.
-- pairs: pairs of a tile and a Gaussian that touches it.
-- Errors of gradients: those of the worst parameter against the reference in float64, for a random image gradient.
-- arithmetic floor: the time of the operations that the changed 4x4 blocks need, if all were FMAs, measured alternately
-  with blending; {peak:.0f} GFLOP/s on one core in this run. It does not include loads, stores and comparisons, which
-  do not get faster on a core with twice the FMAs (`docs/design_notes/rasterizer.md`).
-- Machine: {platform.machine()}, {os.cpu_count()} virtual cores, shared.
-
-{table(results)}
-
-{figures(results, opensplat)}
-
-{growth(results)}
-
-{parts(results)}
-
-{_OPENSPLAT_MEASURED if opensplat else _OPENSPLAT_MISSING}
-"""
-    print(text)
-    if arguments.out:
-        write_file(arguments.out, text.encode())
+    text = [
+        f"Measured on {platform.machine()}, {os.cpu_count()} virtual cores, shared; {peak:.0f} GFLOP/s on one core.",
+        table(results), figures(results, opensplat), growth(results), parts(results),
+    ]  # fmt: skip
+    print_table("\n\n".join(text), arguments.document, "cost")
 
 
 if __name__ == "__main__":
