@@ -91,13 +91,13 @@ batch-faults: setup ## killed workers, lost schedulers, full disks and other fau
 	$(ENGINE) -m pytest -q tests/engine/workers/batch
 
 kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; 40 minutes of two free cores
-	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
+	$(ENGINE) -m benchmarks.security.kills --doc docs/security_kills.md
 
 fuzz: setup ## damaged inputs to every reader for FUZZ_S seconds, on Linux; writes docs/security_fuzz.md
-	$(ENGINE) -m benchmarks.security.fuzz --seconds $(FUZZ_S) --out docs/security_fuzz.md
+	$(ENGINE) -m benchmarks.security.fuzz --seconds $(FUZZ_S) --doc docs/security_fuzz.md
 
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
-	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md
+	$(ENGINE) -m benchmarks.security.hostile --doc docs/security_hostile.md
 
 lock: ## write all locked-*.txt with hashes, in requirements and engine/install/environment; needs uv and the network
 	$(PYTHON) scripts/lock_requirements.py

@@ -3,7 +3,7 @@
 An input that ends in an error that is not ours, or takes too much time or memory, is kept in tests/fixtures/damaged,
 where `make test` reads it again.
 
-example: python -m benchmarks.security.fuzz --seconds 600 --out docs/security_fuzz.md
+example: python -m benchmarks.security.fuzz --seconds 600 --doc docs/security_fuzz.md
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from pathlib import Path
 
 from engine import __version__
 
+from ..documents import print_table
 from .fuzz_inputs import Workplace, keep
 from .fuzz_worker import MAX_SECONDS, Measured, serve
 from .reader import ROOT, Reader
@@ -62,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the damage (default: %(default)s)")
     parser.add_argument("--workers", type=int, default=2, help="readers at the same time (default: %(default)s)")
     parser.add_argument("--only", default="", help="readers whose names begin with this")
-    parser.add_argument("--out", type=Path, help="Markdown file to write; by default the table is printed")
+    parser.add_argument("--doc", type=Path, help="put the table between the marks of this document")
     options = parser.parse_args(arguments)
     if sys.platform != "linux":
         parser.error("memory is measured on Linux only")
@@ -84,11 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     with ThreadPoolExecutor(options.workers) as pool:
         list(pool.map(run, rows))
-    table = _table(rows, options.seed, options.seconds)
-    if options.out:
-        options.out.write_text(table, encoding="utf-8")
-    else:
-        print(table)
+    print_table(_table(rows, options.seed, options.seconds), options.doc, "fuzz")
     return int(any(row.problems for row in rows))
 
 
@@ -154,19 +151,7 @@ def _table(rows: Sequence[Row], seed: int, seconds: float) -> str:
     total: collections.Counter[str] = sum((row.kinds for row in rows), collections.Counter())
     n_problems = sum(len(row.problems) for row in rows)
     lines = [
-        "# Damaged inputs",
-        "",
-        f"Written by `make fuzz FUZZ_S={seconds:.0f}`. Each reader reads copies of a small valid input in which one",
-        "file was damaged: single bytes, values, headers, counts, sizes, names, archives. Some are up to 10 MB large.",
-        "A file may also be missing, empty, a folder, a pipe, or a link that leads nowhere or to itself. The damage",
-        f"depends on the seed alone ({seed} here), the number of inputs on the time. Code: version {__version__}.",
-        "",
-        "- accepted: the damage does not matter, or cannot be noticed.",
-        "- refused: one of our errors, or the reader ignores the file and its content is computed again.",
-        "- other errors: any other exception, a crash, or a hang.",
-        "- slowest: CPU seconds of one input, with those of child processes; at most 10 are allowed.",
-        "- memory: largest peak above that before the input, MB; at most 256 and twice the decoded size are allowed.",
-        "  Of a child process, above that for the valid input.",
+        f"Made by `make fuzz FUZZ_S={seconds:.0f}` with the seed {seed}. Code: version {__version__}.",
         "",
         f"Together: {_count(sum(total.values()))} inputs to {len(rows)} readers, {_count(total['accepted'])} accepted, "
         f"{_count(total['refused'])} refused, **{_count(total['other'])} other errors**. "
@@ -182,7 +167,7 @@ def _table(rows: Sequence[Row], seed: int, seconds: float) -> str:
     found = [f"- {row.reader.name}, input {number}: {error}" for row in rows for error, number in row.problems.items()]
     if found:
         lines += ["", "## Problems", "", *found]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
 def _count(number: int) -> str:

@@ -1,6 +1,6 @@
 """Open hostile projects and .blend files with every command and button, and look for changes outside: ``make hostile``.
 
-example: python -m benchmarks.security.hostile --out docs/security_hostile.md
+example: python -m benchmarks.security.hostile --doc docs/security_hostile.md
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from engine.core.system import describe_machine
 from engine.install.models import models_folder
 from engine.pipeline.planning.benchmark import calibrate
 
+from ..documents import print_table
 from ..places import ROOT, python_of
 from .hostile_blends import BLENDS
 from .hostile_cases import HONEST, Case, Sandbox
@@ -52,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.security.hostile", description=__doc__)
     parser.add_argument("--only", default="", help="cases with this text in their names")
     parser.add_argument("--workers", type=int, default=2, help="processes at the same time (default: %(default)s)")
-    parser.add_argument("--out", type=Path, help="Markdown file to write; by default the table is printed")
+    parser.add_argument("--doc", type=Path, help="put the table between the marks of this document")
     options = parser.parse_args(arguments)
     begin = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="heritage-hostile-") as name:
@@ -72,11 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ]
         with ThreadPoolExecutor(options.workers) as pool:
             outcomes = [outcome for found in pool.map(lambda task: task(), tasks) for outcome in found]
-    text = table(outcomes, (time.monotonic() - begin) / 60)
-    if options.out:
-        options.out.write_text(text, encoding="utf-8")
-    else:
-        print(text)
+    print_table(table(outcomes, (time.monotonic() - begin) / 60), options.doc, "hostile")
     return int(any(outcome.changed or outcome.audited or outcome.is_traceback for outcome in outcomes))
 
 
@@ -168,27 +165,7 @@ def _failure(
     return [Outcome(last, what, answer.returncode, f"Traceback: the process ended: {' '.join(lines)}")]
 
 
-_HEAD = """# Hostile projects and .blend files
-
-Made by `make hostile` in {minutes:.0f} minutes: {n_cases} cases, {n_steps} commands and buttons.
-
-Each case is a finished project that was changed with bad intent, or a `.blend` file. It lies in a
-folder tree with a curator's own files beside it. Each command of the engine gets a fresh copy of the project:
-{commands}.
-A hostile package is put through `verify`.
-In Blender, with the installed extension: Open Project, a title is typed, the sliders are moved, Look Through Photo,
-both exports, Close List; for `.blend` files also Background and Isolate Candidate, which start the engine.
-
-- **outside**: files, folders and links outside of the project that were made, deleted, moved or changed, and the bytes
-  of these files: kind, mode, time of change, size and SHA-256 of the whole tree are compared before and after each
-  step. Exports may be written to their folder, and caches to the user's.
-- **audited**: attempts to write, move or delete there that an audit hook saw in any Python process, also failed ones.
-- **refused**: steps that ended with one sentence; the others had nothing hostile to read, or read it without harm.
-- **tracebacks**: errors that are not one of our sentences.
-
-| case | steps | refused | outside | bytes | audited | tracebacks |
-| --- | --- | --- | --- | --- | --- | --- |
-"""
+_COLUMNS = ("case", "steps", "refused", "outside", "bytes", "audited", "tracebacks")
 
 
 def table(outcomes: Sequence[Outcome], minutes: float) -> str:
@@ -197,8 +174,10 @@ def table(outcomes: Sequence[Outcome], minutes: float) -> str:
     for outcome in outcomes:
         by_case[outcome.case].append(outcome)
     order = [name for name in (*(case.name for case in ALL_CASES), *(name for name, _ in BLENDS)) if name in by_case]
-    text = _HEAD.format(
-        minutes=minutes, n_cases=len(by_case), n_steps=len(outcomes), commands=", ".join(f"`{one}`" for one in COMMANDS)
+    text = (
+        f"Made in {minutes:.0f} minutes: {len(by_case)} cases, {len(outcomes)} commands and buttons. The commands of "
+        f"the engine: {', '.join(f'`{one}`' for one in COMMANDS)}.\n\n"
+        f"| {' | '.join(_COLUMNS)} |\n|{' --- |' * len(_COLUMNS)}\n"
     )
     for name in order:
         text += _row(name, by_case[name])
@@ -208,7 +187,7 @@ def table(outcomes: Sequence[Outcome], minutes: float) -> str:
         for outcome in outcomes
         for finding in (*outcome.changed, *outcome.audited, *([outcome.sentence] if outcome.is_traceback else []))
     ]
-    return text + ("\nProblems:\n\n" + "\n".join(problems) + "\n" if problems else "\nNothing was changed outside.\n")
+    return text + ("\nProblems:\n\n" + "\n".join(problems) if problems else "\nNothing was changed outside.")
 
 
 def _row(name: str, outcomes: Sequence[Outcome]) -> str:

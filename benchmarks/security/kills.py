@@ -1,6 +1,6 @@
 """Kill the engine at random moments of every stage and command, continue, and compare: ``make kills``.
 
-example: python -m benchmarks.security.kills --trials 200 --out docs/security_kills.md
+example: python -m benchmarks.security.kills --trials 200 --doc docs/security_kills.md
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import TypeVar
 from engine.core.system import cpu_seconds, describe_machine
 from engine.pipeline.planning.benchmark import calibrate
 
+from ..documents import print_table
 from .kills_engine import shorten_stages
 from .kills_fixture import KINDS, Fixture, Kind
 from .kills_trial import MAX_STOP_SECONDS, Trial
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the random moments (default: %(default)s)")
     parser.add_argument("--workers", type=int, default=2, help="trials at the same time (default: %(default)s)")
     parser.add_argument("--only", default="", help="kinds whose names begin with this")
-    parser.add_argument("--out", type=Path, help="Markdown file to write; by default the table is printed")
+    parser.add_argument("--doc", type=Path, help="put the table between the marks of this document")
     options = parser.parse_args(arguments)
     begin = time.monotonic()
     folder = Path(tempfile.mkdtemp(prefix="heritage-kills-"))
@@ -62,11 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Long and short trials are mixed, so that no worker waits for the other at the end.
     _in_parallel(run, list(enumerate(trials)), options.workers)
     minutes = (time.monotonic() - begin) / 60
-    text = table(trials, minutes, options.workers, options.seed)
-    if options.out:
-        options.out.write_text(text, encoding="utf-8")
-    else:
-        print(text)
+    print_table(table(trials, minutes, options.workers, options.seed), options.doc, "kills")
     failed = [trial for trial in trials if trial.problems]
     if failed:
         print(f"{len(failed)} trials found a problem; their folders are kept in {folder}.", file=sys.stderr)
@@ -99,36 +96,20 @@ def _say(begin: float, text: str) -> None:
     print(f"{(time.monotonic() - begin) / 60:5.1f} min  {text}", flush=True)
 
 
-_HEAD = """# Kills at random moments
-
-Made by `make kills` in {minutes:.0f} minutes ({cpu_minutes:.0f} of all cores together): {count} kills, {workers} at a time, seed {seed}, {machine}.
-
-Each trial takes a project of 8 photos as it stands before a stage, starts the command, waits until the stage or the
-command has begun, and sends SIGKILL or SIGTERM to the engine's process at a random moment of it; in a quarter of the
-trials, the signal waits from this moment on until a file is being written. Then the same command runs to its end; in
-a quarter of the trials this continuation is killed as well. Stages are short: few steps, clicks and photos to segment.
-
-- **continued**: the same command, run again, ended with exit code 0.
-- **identical**: photos, poses, points, label maps, `scene.ply`, `features.npy`, PSNR, objects with memberships, levels
-  and detailed Gaussians, or the exported file, have the same bytes as after an uninterrupted run, and the project has
-  the same files.
-- **orphans**: processes that the engine had started and that still ran 5 s after its end.
-- **lost**: objects or files that existed before, or that an uninterrupted run has. **damaged**: files that cannot be
-  read, stages called done that cannot be opened, objects that are a mixture of old and new.
-- **stop**: longest time from SIGTERM to the end, with exit code 130 and one sentence. At most {limit:.0f} s are accepted.
-  A command without a further safe point ends with its result instead.
-
-| stage or command | SIGKILL | SIGTERM | of them ended with the result | killed again | continued | identical | orphans | lost | damaged | stop (s) |
-| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
-"""  # noqa: E501
+_COLUMNS = (
+    "stage or command", "SIGKILL", "SIGTERM", "of them ended with the result", "killed again", "continued", "identical",
+    "orphans", "lost", "damaged", "stop (s)",
+)  # fmt: skip
 
 
 def table(trials: Sequence[Trial], minutes: float, workers: int, seed: int) -> str:
     """Return the table as Markdown, with what went wrong below it."""
-    text = _HEAD.format(
-        minutes=minutes, cpu_minutes=cpu_seconds() / 60, count=len(trials), workers=workers, seed=seed,
-        limit=MAX_STOP_SECONDS, machine=f"{platform.system()}, {describe_machine().cores} cores",
-    )  # fmt: skip
+    machine = f"{platform.system()}, {describe_machine().cores} cores"
+    text = (
+        f"Made in {minutes:.0f} minutes ({cpu_seconds() / 60:.0f} of all cores together): {len(trials)} kills, "
+        f"{workers} at a time, seed {seed}, {machine}. A stop may take at most {MAX_STOP_SECONDS:.0f} s.\n\n"
+        f"| {' | '.join(_COLUMNS)} |\n|{' --- |' * len(_COLUMNS)}\n"
+    )
     by_kind: dict[str, list[Trial]] = collections.defaultdict(list)
     for trial in sorted(trials, key=lambda trial: KINDS.index(trial.kind)):
         by_kind[trial.kind.name].append(trial)
@@ -136,7 +117,7 @@ def table(trials: Sequence[Trial], minutes: float, workers: int, seed: int) -> s
         text += _row(name, group)
     text += _row("**all**", trials)
     problems = [f"- {trial.kind.name}, {trial.moment}{problem}" for trial in trials for problem in trial.problems]
-    return text + ("\nProblems:\n\n" + "\n".join(problems) + "\n" if problems else "\nNo trial found a problem.\n")
+    return text + ("\nProblems:\n\n" + "\n".join(problems) if problems else "\nNo trial found a problem.")
 
 
 def _row(name: str, trials: Sequence[Trial]) -> str:
