@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from engine.core.system import describe_machine
 from engine.formats import write_ply
-from engine.quality.evaluation import write_section
 from engine.scene import Gaussians, read_camera_set
 
+from ..documents import print_table
 from ..pictures import psnr, read_picture
 from ..places import blender_environments
 from . import objects
@@ -67,7 +67,7 @@ def main() -> int:
         default=Path("/tmp/gaussian_heritage_window/root"),
         help="Debian root of the window (default: %(default)s)",
     )
-    parser.add_argument("--doc", type=Path, help="file to write")
+    parser.add_argument("--doc", type=Path, help="put the tables between the marks of this document")
     options = parser.parse_args()
     if os.geteuid() != 0 or shutil.which("debootstrap") is None:
         print("The window needs root and debootstrap (Debian: apt-get install debootstrap).", file=sys.stderr)
@@ -94,11 +94,9 @@ def main() -> int:
         version = window.version
         likeness = [likeness_row(window, name, project, expected[name]) for name, project in projects.items()]
         rows += window_rows(window, projects["museum room"], large)
-    text = document(rows, likeness, version)
-    print(text)
-    if options.doc:
-        options.doc.write_text(text, encoding="utf-8")
-        write_section(options.doc, title=objects.TITLE, body=objects.section(options.museum, options.work))
+    print_table(speed_table(rows, version), options.doc, "speed")
+    print_table(likeness_table(likeness), options.doc, "likeness")
+    print_table(objects.table(options.museum, options.work), options.doc, "objects")
     return 0
 
 
@@ -201,42 +199,22 @@ def _cost(cost: list[float]) -> str:
     return f"{cost[0]:.2f} CPU s, {cost[1]:.2f} s"
 
 
-def document(rows: list[Row], likeness: list[str], version: str) -> str:
-    """Return the page."""
+def speed_table(rows: list[Row], version: str) -> str:
+    """Return the table of costs and of pictures by Cycles, with the computer and the goals that were missed."""
     missed = [row.what for row in rows if row.goal and not row.is_met]
+    lines = [
+        f"Machine: {describe_machine().name}, shared with other work, without a graphics card.",
+        f"Window: Blender {version}, 1600 x 1000 pixels.",
+        "", "| what | measured | goal | met |", "| --- | --- | --- | --- |", *map(str, rows), "",
+        f"Missed: {'; '.join(missed)}." if missed else "No goal was missed.",
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def likeness_table(rows: list[str]) -> str:
+    """Return the table of PSNR by shares of the Gaussians."""
     shares = " | ".join(f"{share:.0%}" for share in _SHARES)
-    return f"""# Speed and likeness of splats in Blender
-
-```
-make bench-blender
-```
-
-Machine: {describe_machine().name}, shared with other work, without a graphics card.
-Window: Blender {version}, 1600 x 1000 pixels. Medians. As other work had the cores for most
-of the time, goals are judged by the CPU seconds of all of Blender's threads; the wall time stands beside them.
-The museum room (40,000 Gaussians, SH 1) is *in
-sample*: the sizes while turning were chosen on it. The statue (15,000 Gaussians) chose nothing here.
-
-| what | measured | goal | met |
-| --- | --- | --- | --- |
-{chr(10).join(map(str, rows))}
-
-{f"Missed: {'; '.join(missed)}." if missed else "No goal was missed."}
-
-The goal of the threshold is that Blender has evaluated it: with software OpenGL, a redraw of the window takes longer
-than 0.2 s, also without splats. While a threshold is dragged, the view is drawn as while it turns: with half the side,
-and at most 100,000 Gaussians.
-
-## Likeness of the viewports
-
-PSNR in dB of what the viewports draw at rest beside the engine's picture of the same camera, mean of two views, by the
-share of the Gaussians in view that is drawn. The share keeps those with the greatest importance: opacity times the
-square root of the mean projected area (`draw_order` in `gaussian_heritage_addon/splats/splat_order.py`).
-
-| scene | {shares} |
-| --- |{" ---: |" * len(_SHARES)}
-{chr(10).join(likeness)}
-"""
+    return "\n".join((f"| scene | {shares} |", f"| --- |{' ---: |' * len(_SHARES)}", *rows))
 
 
 if __name__ == "__main__":
