@@ -33,7 +33,7 @@ from engine.objects.views import spread_cameras
 from engine.objects.votes import MaskEvidence
 from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
-from engine.quality.evaluation import read_ground_truth, write_section
+from engine.quality.evaluation import read_ground_truth
 from engine.quality.evaluation.ground_truth import GroundTruth
 from engine.quality.evaluation.settings import MARKS
 from engine.rasterizer.settings import Backend
@@ -41,19 +41,12 @@ from engine.scene import Gaussians, PinholeCamera
 
 from .camera_health.box_room import looking_along
 from .detail import share_of_needles
+from .documents import print_table
 from .places import run_room_script
 from .rooms.drawn import drawn_from
 from .rooms.draws import CHOOSING_ROOMS
 from .rooms.keeping import unpack_kept
 from .training.off_path_views import raised
-
-_TITLE = "Views that no photo has"
-_TEXT = """\
-Each exhibit of every second kept choosing room is isolated by one true mask, and rendered alone from 24 views: from the
-directions of eight photos that show it, 20 degrees higher, at half the distance, and at one and a half times. Blender
-renders its true silhouette there. Haze is coverage outside of the silhouette, missing is transmittance inside of it,
-both in percent of the silhouette, without the pixels at its edge. The photos have
-480 x 360 pixels, and the scenes the 40,000 Gaussians of the preset `standard`. Sides that no photo shows count, too."""
 
 _ROOMS = CHOOSING_ROOMS[::2]
 """Detail of all exhibits of all rooms would take an hour."""
@@ -164,7 +157,7 @@ def silhouettes(room: Path, exhibits: Sequence[Exhibit], original_from_world: Fl
 
 
 def figures(gaussians: Gaussians, frames: Sequence[PinholeCamera], true: Sequence[Mask]) -> Figures:
-    """Compare an object alone with its true silhouettes, as `_TEXT` says."""
+    """Compare an object alone with its true silhouettes, as docs/detail.md says."""
     scene, kernel = Scene(gaussians), np.ones((2 * _EDGE + 1, 2 * _EDGE + 1), np.uint8)
     shares = []
     for frame, mask in zip(frames, true, strict=True):
@@ -229,12 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for room in _ROOMS:
             unpack_kept(room.name, Path(folder) / room.name)
             rooms[room.name] = list(measured(Path(folder) / room.name, options.device))
-    text = table(rooms)
-    sys.stdout.write(f"{text}\n")
-    if options.doc is not None:
-        device = "" if options.device == "cpu" else f" --device {options.device}"
-        command = f"`python -m benchmarks.haze{device} --doc {options.doc}`"
-        write_section(options.doc, title=_TITLE, body="\n\n".join((command, MARKS["in sample"], _TEXT, text)))
+    print_table(table(rooms), options.doc, "haze", MARKS["in sample"])
     return 0
 
 

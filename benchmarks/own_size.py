@@ -32,25 +32,12 @@ from engine.objects.settings import BETTER
 from engine.pictures import Scene
 from engine.project.folder import ProjectFolder
 from engine.project.objects import list_objects, load_membership
-from engine.quality.evaluation import write_section
 from engine.scene import Gaussians, PinholeCamera
 
 from .detail import EDGE_WIDTH, NOTICED, gradient_energy, photo_at_own_size, rendered, share_of_needles
+from .documents import print_table
 from .real_sets import SETS, reconstructed, true_masks
 
-_TITLE = "At the photos' own size"
-_TEXT = """\
-**In sample**: museum_room, and herz_jesus25 for one constant. **Test** of the detail: the other sets. Constants of the
-training and of objects were chosen on some of them.
-
-Figures are means over test photos at their own size. Neither the scene nor the detail was trained on them; they decide
-only whether the detail is kept. Compared are the pixels in which the object contributes more than half to the scene.
-Objects of sets with hand-made masks are found by the first mask (docs/objects.md), those of the museum room by their
-words. *Scale* is that at which the detail read the photos. *Memory* is the peak of the process while the detail was
-trained.
-
-`monstree` is AliceVision's public set of that name, of a phone: its folder `full`, the 23 files below 4 MiB, with the
-preset `standard`, and ``segment --box IMG_1028.JPG=465,610,3240,2940 --name face``."""
 _MIN_SHARE = 0.5
 """Share of a pixel that the object contributes to the scene, from which on the pixel is compared."""
 _MIN_PIXELS = 5_000
@@ -206,7 +193,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sets", default=",".join(SETS), help="(default: %(default)s)")
     parser.add_argument("--project", type=Path, action="append", default=[], help="measure its objects too")
     parser.add_argument("--picture", type=Path, help="JPEG of the last object: in the scene, with detail, its photo")
-    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table into this file")
+    parser.add_argument("--doc", type=Path, help="put the table between the marks of this document")
     parser.add_argument(
         "--work", type=Path, default=Path("out/own_size"),
         help="folder of what was measured; a stopped run continues there (default: %(default)s)",
@@ -231,11 +218,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = table(rows)
     if unseen:
         text += f"\n\nNo test photo shows {', '.join(unseen)}."
-    sys.stdout.write(f"{text}\n")
-    if options.doc is not None:
-        projects = "".join(f" --project {folder}" for folder in options.project)
-        command = f"`python -m benchmarks.own_size{projects} --doc {options.doc}`"
-        write_section(options.doc, title=_TITLE, body="\n\n".join((command, _TEXT, text)))
+    print_table(text, options.doc, "own size")
     return 0
 
 

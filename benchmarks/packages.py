@@ -25,9 +25,9 @@ from engine.delivery.packages.bag import write_bag
 from engine.delivery.records import EXAMPLE_ADDRESS
 from engine.project.folder import ProjectFolder
 from engine.project.objects import list_objects
-from engine.quality.evaluation import write_section
 
-TITLE = "Measured"
+from .documents import print_table
+
 N_ROUNDS = 7
 LARGE_BYTES, N_SMALL, SMALL_BYTES = 512 << 20, 2000, 20_000
 """A package with a large scene, and one with many pictures."""
@@ -53,14 +53,12 @@ def main() -> int:
         rows.append(f"| `package`, an object of the museum room | {seconds:.1f} CPU s | {size / 1e6:.1f} MB | | |")
     body = "\n\n".join(
         [
-            "```\nmake bench-packages\n```",
             f"Machine: {describe_machine().name}, shared with other work. Median of {N_ROUNDS} rounds in turn, CPU "
             "seconds, files in the memory of the system. Nothing was chosen by these figures.",
             "| what | here | beside it | speed | figure |\n| --- | ---: | ---: | ---: | ---: |\n" + "\n".join(rows),
         ]
     )
-    write_section(options.doc, title=TITLE, body=body)
-    print(body)
+    print_table(body, options.doc, "packages")
     return 0
 
 

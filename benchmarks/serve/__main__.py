@@ -12,12 +12,10 @@ import sys
 from pathlib import Path
 
 from engine.core.system import describe_machine
-from engine.quality.evaluation import write_section
 
+from ..documents import print_table
 from .page import page_rows
 from .server import Row, server_rows
-
-TITLE = "Measured"
 
 
 def main() -> int:
@@ -27,14 +25,11 @@ def main() -> int:
     parser.add_argument("--doc", type=Path, required=True)
     options = parser.parse_args()
     parts = [
-        "```\nmake bench-serve\n```",
         f"Machine: {describe_machine().name}, shared with other work. Nothing was chosen by these figures.",
         table("server", server_rows()),
         table("page", page_rows(options.project)),
     ]
-    body = "\n\n".join(parts)
-    write_section(options.doc, title=TITLE, body=body)
-    print(body)
+    print_table("\n\n".join(parts), options.doc, "serve")
     return 0
 
 
