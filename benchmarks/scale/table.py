@@ -8,21 +8,12 @@ from typing import Any
 
 from .measuring import STEPS
 
-_NOTE = """\
-Made by `python -m benchmarks.scale --doc docs/many_photos.md` (`make bench-scale`). `building_N`: the first N photos
-of a walk through a generated building, 480 x 360 pixels, with exact truth. Seconds are wall time, in brackets CPU time.
-Pairs: matched, and of these verified. Errors of the positions after the best similarity, in % of the diagonal of the
-true positions: median and largest. Memory: of the process, without those that match, which take up to 200 MB each.
-**Test**: no constant is chosen on the building; the museum room and real sets are **in sample**.
-"""
-
 
 def scale_table(results: Sequence[dict[str, Any]]) -> str:
-    """Return the note, the table and the growth of the time between sizes of the building on as many cores."""
+    """Return the table and the growth of the time between sizes of the building on as many cores."""
     if not results:
         return "No results yet.\n"
     lines = [
-        _NOTE,
         f"| photos | cores | {' | '.join(f'{step}, s' for step in STEPS)} | all, s | pairs | placed | "
         "position error, % | reprojection, px | memory, MB |",
         f"| --- | ---: | {'---: | ' * len(STEPS)}---: | ---: | ---: | ---: | ---: | ---: |",
