@@ -6,6 +6,7 @@ example: python -m benchmarks.rooms run --draw "opaque scenes" --doc docs/segmen
 from __future__ import annotations
 
 import argparse
+import contextlib
 import signal
 import sys
 from collections.abc import Sequence
@@ -138,21 +139,15 @@ def _show(draws: Sequence[Draw], document: Path | None) -> None:
 def _reconstruct(options: argparse.Namespace) -> None:
     from .reconstruction import reconstruct_room
 
-    output = EventOutput(json_lines=True, log=None)
-    try:
+    with contextlib.closing(EventOutput(json_lines=True, log=None)) as output:
         reconstruct_room(options.room, options.out, emit=output, should_stop=never_stop)
-    finally:
-        output.close()
 
 
 def _measure(options: argparse.Namespace) -> None:
     from .measuring import measure_project
 
-    output = EventOutput(json_lines=True, log=None)
-    try:
+    with contextlib.closing(EventOutput(json_lines=True, log=None)) as output:
         measure_project(options.project, options.truth, options.out, emit=output, should_stop=never_stop)
-    finally:
-        output.close()
 
 
 def _keep(options: argparse.Namespace) -> None:

@@ -203,14 +203,14 @@ def reconstruct_and_cancel(context: Context) -> str:
     computer = _curator(context)
     photos = computer.home / PHOTO_FOLDER
     write_photos(photos)
-    state = _job(context, computer, _reconstruct(computer), "cancelled", cancel_at=("training", 0.4))
+    state = _job(context, computer, _reconstruct_photos(computer), "cancelled", cancel_at=("training", 0.4))
     return f"cancelled at {state['cancelled_at']:.0%} of the training: {state['error']}"
 
 
 def reconstruct_on(context: Context) -> str:
     """Start the same again, to the report."""
     computer = _curator(context)
-    state = _job(context, computer, _reconstruct(computer), "finished")
+    state = _job(context, computer, _reconstruct_photos(computer), "finished")
     _log(context, "continue", json.dumps(state, indent=1))
     events = (_jobs(computer) / "reconstruct" / "events.jsonl").read_text(encoding="utf-8")
     if "continued from a checkpoint" not in events:
@@ -286,20 +286,7 @@ def reconstruct_with_transforms(context: Context) -> str:
 def _given(context: Context, computer: Windows, cameras: Path, name: str) -> str:
     photos = computer.home / PHOTO_FOLDER
     write_photos(photos)
-    out = computer.home / FOLDER / name
-    words = [
-        "reconstruct",
-        photos,
-        "--out",
-        out,
-        "--cameras",
-        cameras,
-        "--preset",
-        "test",
-        "--device",
-        "cpu",
-        "--no-objects",
-    ]
+    words = _reconstruct(photos, computer.home / FOLDER / name, "test", "--no-objects", "--cameras", cameras)
     _job(context, computer, words, "finished")
     return f"{len(PHOTOS)} photos with {cameras.name}, to the report"
 
@@ -309,17 +296,7 @@ def reconstruct_video(context: Context) -> str:
     computer = _curator(context)
     video = computer.home / VIDEO
     write_video(video)
-    words = [
-        "reconstruct",
-        video,
-        "--out",
-        computer.home / FOLDER / "video",
-        "--preset",
-        "test",
-        "--device",
-        "cpu",
-        "--no-objects",
-    ]
+    words = _reconstruct(video, computer.home / FOLDER / "video", "test", "--no-objects")
     state = _job(context, computer, words, "finished")
     return f"{len(ALL_PHOTOS)} views as a video, to the report ({len(state['warnings'])} warnings)"
 
@@ -331,17 +308,12 @@ def _project(computer: Windows) -> Path:
     return computer.home / FOLDER / "Kość słoniowa"
 
 
-def _reconstruct(computer: Windows) -> list[object]:
-    return [
-        "reconstruct",
-        computer.home / PHOTO_FOLDER,
-        "--out",
-        _project(computer),
-        "--preset",
-        "preview",
-        "--device",
-        "cpu",
-    ]
+def _reconstruct(source: Path, out: Path, preset: str, *options: object) -> list[object]:
+    return ["reconstruct", source, "--out", out, "--preset", preset, "--device", "cpu", *options]
+
+
+def _reconstruct_photos(computer: Windows) -> list[object]:
+    return _reconstruct(computer.home / PHOTO_FOLDER, _project(computer), "preview")
 
 
 def _jobs(computer: Windows) -> Path:
