@@ -20,8 +20,8 @@ from places import PACKAGES, ROOT, program_of, python_of
 _CODE = (*PACKAGES, "__init__.py")
 
 
-def link_repository(folder: Path, repository: Path = ROOT) -> Path:
-    """Create and return ``folder/gaussian_heritage`` with the packages of `repository`.
+def link_repository(folder: Path) -> None:
+    """Create ``folder/gaussian_heritage`` with the packages of the repository.
 
     The packages are linked, or copied where links are not permitted (Windows without developer mode).
     """
@@ -29,10 +29,9 @@ def link_repository(folder: Path, repository: Path = ROOT) -> Path:
     package.mkdir()
     for name in _CODE:
         try:
-            (package / name).symlink_to(repository / name, target_is_directory=(repository / name).is_dir())
+            (package / name).symlink_to(ROOT / name, target_is_directory=(ROOT / name).is_dir())
         except OSError:
-            copy_code(repository / name, package / name)
-    return package
+            copy_code(ROOT / name, package / name)
 
 
 def copy_code(source: Path, target: Path) -> None:

@@ -54,7 +54,7 @@ def _pictures(name: str, count: int = _COUNT) -> tuple[tuple[str, Image.Image], 
     return tuple((f"{name}_{index:02d}.jpg", _reduced(Image.open(files[index]))) for index in chosen)
 
 
-def _true_viewmats(name: str, count: int = _COUNT) -> dict[str, tuple[Float64, dict[str, float]]]:
+def _true_viewmats(name: str) -> dict[str, tuple[Float64, dict[str, float]]]:
     """Return the true pose and lens of each picture of `_pictures`; empty for real sets."""
     file = photo_set(name).photos.with_name("truth") / "cameras.json"
     if not file.is_file():
@@ -62,7 +62,7 @@ def _true_viewmats(name: str, count: int = _COUNT) -> dict[str, tuple[Float64, d
     photos = {photo["file"]: photo for photo in json.loads(file.read_text())["photos"]}
     names = sorted(photos)
     result = {}
-    for index in _chosen(name, len(names), count):
+    for index in _chosen(name, len(names), _COUNT):
         photo = photos[names[index]]
         scale = min(1.0, _SIDE / max(photo["width"], photo["height"]))
         lens = {key: value * (1.0 if key == "k1" else scale) for key, value in photo["params"].items()}

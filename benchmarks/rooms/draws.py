@@ -41,15 +41,12 @@ class Room:
     name : str
         Of the folder below ``out/rooms`` and of the result.
     seed : int
-    is_test : bool
-        Whether it is a test room, whose seed was not known before the method was frozen.
     of_models : bool
         Whether its exhibits are 3D models of other people, not of our own catalogue.
     """
 
     name: str
     seed: int
-    is_test: bool = False
     of_models: bool = False
 
 
@@ -88,7 +85,7 @@ class Draw:
 
     def _rooms(self, word: str, seeds: Sequence[int], *, of_models: bool) -> tuple[Room, ...]:
         names = (f"{word}_{self.commit[:SHORT_COMMIT]}_{number}" for number in range(1, len(seeds) + 1))
-        return tuple(Room(name, seed, True, of_models) for name, seed in zip(names, seeds, strict=True))
+        return tuple(Room(name, seed, of_models) for name, seed in zip(names, seeds, strict=True))
 
 
 def test_seeds(commit: str, what: str = "test room") -> tuple[int, ...]:

@@ -147,7 +147,7 @@ def asked(room: Measured, scores: Float64, kind: str, detector: OfflineVocabular
     return None if not answers else _is_of(room, answers[0], kind)
 
 
-def answered(room: Measured, scores: Float64 | None, kind: str, detector: OfflineVocabulary | None = None) -> list[int]:
+def answered(room: Measured, scores: Float64 | None, kind: str, detector: OfflineVocabulary | None) -> list[int]:
     """Return the proposals that answer a word, the best first; `scores` is None for an unknown one."""
     if scores is None:
         return []

@@ -105,7 +105,7 @@ def test_rooms_are_rendered_once_for_other_benchmarks(repository: Repository) ->
 
 
 def test_rooms_with_models_are_rendered_from_the_folder_that_is_named(repository: Repository, tmp_path: Path) -> None:
-    room = Room("models_1", 9, is_test=True, of_models=True)
+    room = Room("models_1", 9, of_models=True)
     commands: list[Sequence[str]] = []
 
     def call(command: Sequence[str], *, folder: Path, log: Path) -> None:
