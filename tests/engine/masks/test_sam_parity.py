@@ -15,7 +15,6 @@ import pytest
 import torch
 import transformers
 from PIL import Image
-from transformers.models.sam.image_processing_pil_sam import _compute_stability_score, _rle_to_mask
 
 from engine.core.errors import MaskError, ModelFileError, SettingsError
 from engine.install.models.cache import CACHE_VARIABLE
@@ -141,6 +140,8 @@ def test_resized_photo_gives_nearly_the_same_mask_as_transformers(tiny: Tiny, sh
 
 
 def test_stability_score_equals_transformers() -> None:
+    from transformers.models.sam.image_processing_pil_sam import _compute_stability_score
+
     generator = np.random.default_rng(1)
     logits = generator.normal(1, 2, (20, 64, 64)).astype(np.float32) + generator.normal(0, 3, (20, 1, 1)).astype(
         np.float32
@@ -156,6 +157,8 @@ def test_stability_score_equals_transformers() -> None:
 
 
 def test_published_generator_gives_the_same_masks_as_transformers(tiny: Tiny) -> None:
+    from transformers.models.sam.image_processing_pil_sam import _rle_to_mask
+
     """Masks of random weights fail the published thresholds, so both use lower ones, without suppression."""
     pixels, along, stable = _large(), 6, 0.02
     image_processor = transformers.SamImageProcessorPil()

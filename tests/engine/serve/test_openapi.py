@@ -7,22 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import schemathesis
 from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, Phase, given, settings
-from schemathesis.checks import not_a_server_error
-from schemathesis.specs.openapi.checks import (
-    content_type_conformance,
-    response_schema_conformance,
-    status_code_conformance,
-)
 
 from engine.serve import Accounts, ServeSettings
 from engine.serve.app import create_app
 
 from .conftest import API, Client
 
-CHECKS = [not_a_server_error, status_code_conformance, content_type_conformance, response_schema_conformance]
 STREAMS = f"{API}/projects/{{project_id}}/events"
 """Never ends; tests/engine/serve/test_jobs.py reads it."""
 N_EXAMPLES = 8
@@ -32,6 +24,8 @@ N_EXAMPLES = 8
 def test_drawn_requests_get_the_described_answers(
     make_client: Callable[..., Client], tmp_path: Path, page: Path
 ) -> None:
+    import schemathesis  # with what it imports, a tenth of the start of each process of the tests
+
     data = tmp_path / "data"
     token = Accounts(data).add("ada")
     app = create_app(ServeSettings(data, lan=True, min_free_bytes=0, max_projects=20), ["testserver"], page)
@@ -64,6 +58,10 @@ def without_lifespan(app: Any) -> Any:
 
 def draw_requests(operation: Any, headers: dict[str, str], project: str) -> None:
     """Send requests of one operation, half of them to a project that exists."""
+    from schemathesis.checks import not_a_server_error
+    from schemathesis.specs.openapi import checks
+
+    found = (checks.status_code_conformance, checks.content_type_conformance, checks.response_schema_conformance)
     number = 0
 
     @given(case=operation.as_strategy())
@@ -80,6 +78,6 @@ def draw_requests(operation: Any, headers: dict[str, str], project: str) -> None
         number += 1
         if number % 2 and "project_id" in (case.path_parameters or {}):
             case.path_parameters["project_id"] = project
-        case.validate_response(case.call(headers=headers), checks=CHECKS)
+        case.validate_response(case.call(headers=headers), checks=[not_a_server_error, *found])
 
     send()
