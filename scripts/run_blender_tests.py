@@ -43,15 +43,21 @@ def main() -> int:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             runs = {}
             for label, python in chosen:
-                # What takes long is checked in the oldest and the newest Blender.
-                is_between = options.blender is None and label not in (blenders[0][0], blenders[-1][0])
-                arguments = [*(["-m", "not slow"] if is_between else []), *for_pytest]
-                runs[label] = pool.submit(run_tests, python, folder, zip_file, arguments)
+                left_out = [] if options.blender else left_out_in(label, [name for name, _ in blenders])
+                marked = ["-m", " and ".join(f"not {mark}" for mark in left_out)] if left_out else []
+                runs[label] = pool.submit(run_tests, python, folder, zip_file, [*marked, *for_pytest])
             for label, run in runs.items():
                 done = run.result()
                 print(f"{label}:\n{done.stdout}", flush=True)
                 failed = failed or done.returncode != 0
     return int(failed)
+
+
+def left_out_in(label: str, labels: Sequence[str]) -> list[str]:
+    """Return the marks of tests that are left out in one of several Blenders, which are given from old to new."""
+    # What takes long is checked in the oldest and the newest Blender, what depends on none of them in the newest.
+    slow = ["slow"] if label not in (labels[0], labels[-1]) else []
+    return [*slow, *(["once"] if label != labels[-1] else [])]
 
 
 def run_tests(python: Path, folder: Path, zip_file: Path, arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shutil
 import subprocess
@@ -60,3 +61,11 @@ def test_make_test_and_ci_run_all_parts_to_their_ends() -> None:
     for settings in ("pyproject.toml", "tests/blender/pytest.ini"):
         options = re.findall(r"^addopts.*", (ROOT / settings).read_text(encoding="utf-8"), re.MULTILINE)
         assert not any(re.search(r"-x\b|--exitfirst|--maxfail", line) for line in options)
+
+
+def test_every_test_runs_in_the_newest_blender_and_fewer_in_those_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    left_out_in = importlib.import_module("run_blender_tests").left_out_in
+    blenders = ["blender-4.5", "blender-5.2", "blender-5.3"]
+    assert [left_out_in(one, blenders) for one in blenders] == [["once"], ["slow", "once"], []]
+    assert left_out_in("blender-4.5", ["blender-4.5"]) == []

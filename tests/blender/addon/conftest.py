@@ -121,11 +121,14 @@ def fake_engine(installed: str, tmp_path: Path) -> Iterator[StandIn]:
     def make(text: str) -> Path:
         arguments = tmp_path / "arguments.json"
         program = tmp_path / "engine python"
+        writes = "write_object" in text
         program.write_text(
-            f"#!{sys.executable}\nimport json, sys\nimport numpy as np\nfrom pathlib import Path\n"
-            f"Path({str(arguments)!r}).write_text(json.dumps(sys.argv[1:]))\n"
+            f"#!{sys.executable}\nimport json, sys\nfrom pathlib import Path\n"
+            # Importing NumPy takes longer than all else that most of these engines do.
+            + ("import numpy as np\n" if writes or "np." in text else "")
+            + f"Path({str(arguments)!r}).write_text(json.dumps(sys.argv[1:]))\n"
             "def say(kind, **fields): print(json.dumps({'v': 1, 'kind': kind, 'time': 0.0, **fields}), flush=True)\n"
-            + inspect.getsource(write_object).replace("**known: Any", "**known")
+            + (inspect.getsource(write_object).replace("**known: Any", "**known") if writes else "")
             + text,
             encoding="utf-8",
         )

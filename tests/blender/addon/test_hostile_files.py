@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from conftest import Part
 
+pytestmark = pytest.mark.once
+
 Damage = Callable[[Path], object]
 
 PROPERTIES = [

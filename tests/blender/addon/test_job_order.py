@@ -12,6 +12,8 @@ import bpy
 import pytest
 from conftest import FOREVER, Draw, StandIn, forget_jobs, poll_to_the_end, segment_in_engine
 
+pytestmark = pytest.mark.once
+
 NAMED_BY_PROMPT = """
 project, name = Path(sys.argv[4]), sys.argv[6]
 write_object(project, name, name, np.r_[np.zeros(90), np.ones(10)].astype(np.float32))

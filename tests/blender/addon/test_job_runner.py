@@ -22,6 +22,8 @@ from conftest import (
     write_object,
 )
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def vase_engine(fake_engine: StandIn) -> None:

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from conftest import FakeLayout, Part, write_object
 
+pytestmark = pytest.mark.once
+
 ADDON = "gaussian_heritage_addon"
 MEMBERSHIP = np.linspace(0, 1, 100, dtype=np.float32)
 FORECAST = (

@@ -226,6 +226,7 @@ def act(installed: str, fake_engine: StandIn) -> Callable[[Callable[[StandIn], N
 Act = Callable[[Callable[[StandIn], None]], None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("action", ACTIONS)
 def test_blender_project_and_files_agree_all_life_long(
     action: Callable[[StandIn], None], museum: Any, act: Act, part: Part, tmp_path: Path

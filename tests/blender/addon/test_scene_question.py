@@ -13,6 +13,8 @@ import bpy
 import pytest
 from conftest import FOREVER, Draw, FakeLayout, Part, StandIn, forget_jobs
 
+pytestmark = pytest.mark.once
+
 ADDON = "gaussian_heritage_addon"
 TRAINS = f"""
 if 'ask' not in sys.argv:

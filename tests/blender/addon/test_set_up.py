@@ -13,6 +13,8 @@ import bpy
 import pytest
 from conftest import Draw, FakeLayout, Part, forget_jobs
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -10,6 +10,8 @@ import bpy
 import pytest
 from conftest import FOREVER, Draw, FakeLayout, Part, StandIn, forget_jobs, poll_to_the_end, segment_in_engine
 
+pytestmark = pytest.mark.once
+
 FAILS_FOR_BUST = """
 if any("bust" in word for word in sys.argv):
     say('error', message='The disk is full.', error='DiskError')
