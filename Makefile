@@ -70,6 +70,7 @@ types: ## the types alone
 	$(ENGINE) scripts/check_contracts.py types scripts
 
 engine-tests: ## everything that needs no Blender, in two processes
+	$(ENGINE) -c "from engine.training import compile_kernels; compile_kernels()" # or both processes compile the same
 	$(ENGINE) -m pytest -q -n 2 -m "not gpu and not web and not faults" --ignore=tests/blender tests
 
 blender-tests: ## the add-on in each Blender at hand, against the installed zip
