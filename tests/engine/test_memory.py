@@ -15,21 +15,20 @@ from engine.core.errors import is_out_of_memory
 from engine.project.folder import ProjectFolder
 from engine.quality.stability.memory_limit import MALLOC_ENVIRONMENT
 from engine.training.checkpoint import CHECKPOINT_FILE
+from engine.training.settings import PRESETS
 from tests.engine.command_line import call, call_alone
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 
 # Photos large enough that each step needs memory from the system.
-LARGER = """
-from dataclasses import replace
-from engine.training.settings import PRESETS
-PRESETS["test"] = PRESETS["test"].changed(max_side=192, checkpoint_interval=5)
-"""
+LARGER = {"max_side": 192, "checkpoint_interval": 5}
 
 STARVING = (
-    LARGER
+    f"larger = {LARGER}"
     + """
 from engine.core.system import limit_memory
 from engine.training import loop as module
+from engine.training.settings import PRESETS
+PRESETS["test"] = PRESETS["test"].changed(**larger)
 whole = module.train
 def starving(*arguments, should_stop, **named):
     asked = iter(range(10**9))
@@ -83,7 +82,9 @@ def test_any_command_that_runs_out_of_memory_says_so(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps a limit on a process")
-def test_project_goes_on_where_memory_ran_out_while_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_project_goes_on_where_memory_ran_out_while_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name, value in MALLOC_ENVIRONMENT.items():
         monkeypatch.setenv(name, value)
     photos, scene = write_photos(tmp_path / "photos"), tmp_path / "scene"
@@ -95,7 +96,8 @@ def test_project_goes_on_where_memory_ran_out_while_training(tmp_path: Path, mon
     assert "memory of this machine is full" in starved.error
     assert not (scene / "gaussians" / "scene.ply").exists()
     assert len(list(scene.glob(f"checkpoints/*/{CHECKPOINT_FILE}"))) == 1
-    again = call_alone(*command, before=LARGER)
+    monkeypatch.setitem(PRESETS, "test", PRESETS["test"].changed(**LARGER))
+    again = call(capsys, *command)
     assert again.code == 0
     assert "photos" not in again.computed and "cameras" not in again.computed
     assert any("continued" in event.get("message", "") for event in again.of_kind("progress"))

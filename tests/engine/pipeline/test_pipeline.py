@@ -39,11 +39,13 @@ from functools import partial
 from engine.cli.commands import reconstruct
 from engine.masks.settings import MaskSettings
 from engine.objects.settings import BETTER
+from engine.pipeline import planning
 from engine.training.settings import PRESETS
 PRESETS["test"] = PRESETS["test"].changed(steps=400, curve_points=20, background_fraction=0.0)
 MASKS = MaskSettings(max_prompts=8, grid=0)
 # 400 Gaussians hardly look like anything, so every known word is answered.
-ANY = replace(BETTER, least_score=0.0)
+ANY = replace(BETTER, least_score=0.0, photo_side=240, render_side=160, detail_steps=3)
+planning.PlanSettings = partial(planning.PlanSettings, n_mask_photos=3)
 reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MASKS, segment=ANY)
 """
 # The masks stage is killed in its middle, so nothing may be made before it.
@@ -176,7 +178,7 @@ def test_run_killed_in_every_stage_continues_to_the_scene_of_an_uninterrupted_ru
             assert stage not in done
         if stage == "training":
             kept = [event["message"] for event in answer.of_kind("progress") if "of them kept" in event["message"]]
-            assert kept == ["5 label maps, 1 of them kept"]
+            assert kept == ["3 label maps, 1 of them kept"]
     last = call_alone(*command(scene), before=QUICK + ONE_BY_ONE)
     assert last.code == 0
     assert last.computed == ["report"]
@@ -220,19 +222,26 @@ def test_masks_made_beside_the_cameras_survive_a_kill(tmp_path: Path) -> None:
     assert mask_figures(beside)["beside"]["n_kept"] == len(kept)
 
 
-def test_stop_signal_is_one_sentence_and_the_next_run_continues(tmp_path: Path) -> None:
+def test_stop_signal_is_one_sentence_and_the_next_run_continues(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """``docker stop``, ``systemctl stop`` and ``timeout`` send SIGTERM; pycolmap's handler would end the process."""
     photos = write_photos(tmp_path / "photos")
     cameras = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
 
     command: list[object] = ["reconstruct", photos, "--out", tmp_path / "scene", "--preset", "test", "--no-objects"]
     command += ["--cameras", cameras]
-    answers = [interrupted(signal.SIGINT, "training", measured, tmp_path / "scene", command)]
-    answers.append(interrupted(signal.SIGTERM, "training", measured, tmp_path / "scene", command))
+    short = {"steps": 100, "curve_points": 10}
+    before = f"from engine.training.settings import PRESETS\nPRESETS['test'] = PRESETS['test'].changed(**{short})"
+    answers = [
+        interrupted(number, "training", measured, tmp_path / "scene", command, before=before)
+        for number in (signal.SIGINT, signal.SIGTERM)
+    ]
     for answer in answers:
         assert answer.code == Cancelled.exit_code == 130
         assert answer.error == "Training was cancelled; the next run continues from where it stopped."
-    answers.append(call_alone(*command, before=QUICK))
+    monkeypatch.setitem(PRESETS, "test", PRESETS["test"].changed(**short))
+    answers.append(call(capsys, *command))
     assert answers[-1].computed == ["training", "report"]
     for answer in answers[1:]:
         assert "continued from a checkpoint" in [event["message"] for event in answer.of_kind("progress")]
