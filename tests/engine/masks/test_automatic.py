@@ -16,6 +16,7 @@ from engine.masks import mask_iou
 from engine.masks.automatic import _Candidate, _Found, label_map_size, paint_labels, segment_everything
 from engine.masks.sam import SegmentAnything
 from engine.masks.settings import PRESETS, MaskSettings
+from tests.engine import museum
 from tests.engine.masks.shapes import iou, shapes_picture
 
 QUICK = replace(MaskSettings(), max_prompts=20)
@@ -143,7 +144,7 @@ def test_holes_and_islands_are_those_of_the_whole_picture_also_at_its_edge(seed:
 
 
 def test_same_photo_gives_the_same_label_map_whatever_was_segmented_before(sam: SegmentAnything) -> None:
-    first, other = (sam.encode(shapes_picture(seed)[0]) for seed in (2, 3))
+    first, other = (sam.encode(shapes_picture(seed)[0]) for seed in (5, 0))
     labels = segment_everything(first, sam, QUICK)
     segment_everything(other, sam, QUICK)
     np.testing.assert_array_equal(segment_everything(first, sam, QUICK), labels)
@@ -152,16 +153,21 @@ def test_same_photo_gives_the_same_label_map_whatever_was_segmented_before(sam: 
 def test_label_map_is_the_same_when_no_mask_is_given_up_early(
     sam: SegmentAnything, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    embedding = sam.encode(shapes_picture(2)[0])
-    labels = segment_everything(embedding, sam, QUICK)
+    embedding, few = sam.encode(np.asarray(museum.picture(8, (480, 360)))), replace(QUICK, max_prompts=8)
+    labels = segment_everything(embedding, sam, few)
     predict = SegmentAnything.predict_scales
+    given_up: list[bool] = []
 
     def in_full(*arguments: Any, min_stability: float, **options: Any) -> Any:
         assert min_stability == QUICK.min_stability
-        return predict(*arguments, **options)
+        early = predict(*arguments, min_stability=min_stability, **options)
+        full = predict(*arguments, **options)
+        given_up.append(not all(np.array_equal(one[0], other[0]) for one, other in zip(early, full, strict=True)))
+        return full
 
     monkeypatch.setattr(SegmentAnything, "predict_scales", in_full)
-    np.testing.assert_array_equal(segment_everything(embedding, sam, QUICK), labels)
+    np.testing.assert_array_equal(segment_everything(embedding, sam, few), labels)
+    assert any(given_up)
 
 
 @settings(max_examples=60, deadline=None)

@@ -55,8 +55,12 @@ def test_torch_decodes_what_onnxruntime_decodes(
     assert found_iou == pytest.approx(expected_iou, abs=1e-5)
 
 
-@pytest.mark.parametrize("bfloat16", [False, True], ids=["float32", "bfloat16"])
-@pytest.mark.parametrize("transposed", [False, True], ids=["landscape", "portrait"])
+# Padding is taken away before numbers are rounded: one frame is enough where rounding is slow.
+@pytest.mark.parametrize(
+    ("transposed", "bfloat16"),
+    [(False, False), (True, False), (False, True)],
+    ids=["landscape", "portrait", "landscape in bfloat16"],
+)
 def test_mask_without_padding_is_nearly_the_same_inside_the_photo(
     sam: SegmentAnything,
     monkeypatch: pytest.MonkeyPatch,
@@ -120,7 +124,7 @@ def test_mask_does_not_depend_on_earlier_prompts(sam: SegmentAnything, embedding
     ((first, _),) = sam.predict_scales(embedding, [CLICK], [1], without_padding=True)
     first = first.copy()
     sam.predict_scales(embedding, [OTHER], [1], without_padding=True)
-    sam.predict_logits(sam.encode(shapes_picture(1)[0]), [OTHER], [1])
+    sam.predict_logits(sam.encode(shapes_picture(5)[0]), [OTHER], [1])
     ((again, _),) = sam.predict_scales(embedding, [CLICK], [1], without_padding=True)
     np.testing.assert_array_equal(again, first)
 
