@@ -71,8 +71,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for n, share in enumerate(shares)
             if share
         ]
+
+        def run(task: Callable[[], list[Outcome]]) -> list[Outcome]:
+            found = task()
+            # An hour on a busy machine: what is found is said before the end.
+            minutes = (time.monotonic() - begin) / 60
+            print(f"{minutes:5.1f} min  {len(found)} steps", *problems_of(found), sep="\n", flush=True)
+            return found
+
         with ThreadPoolExecutor(options.workers) as pool:
-            outcomes = [outcome for found in pool.map(lambda task: task(), tasks) for outcome in found]
+            outcomes = [outcome for found in pool.map(run, tasks) for outcome in found]
     print_table(table(outcomes, (time.monotonic() - begin) / 60), options.doc, "hostile")
     return int(any(outcome.changed or outcome.audited or outcome.is_traceback for outcome in outcomes))
 
@@ -182,12 +190,17 @@ def table(outcomes: Sequence[Outcome], minutes: float) -> str:
     for name in order:
         text += _row(name, by_case[name])
     text += _row("**all**", outcomes)
-    problems = [
+    problems = problems_of(outcomes)
+    return text + ("\nProblems:\n\n" + "\n".join(problems) if problems else "\nNothing was changed outside.")
+
+
+def problems_of(outcomes: Sequence[Outcome]) -> list[str]:
+    """Return what was changed outside, tried there, or no sentence of ours: an item of a list for each."""
+    return [
         f"- {outcome.case}; {outcome.command}: {finding}"
         for outcome in outcomes
         for finding in (*outcome.changed, *outcome.audited, *([outcome.sentence] if outcome.is_traceback else []))
     ]
-    return text + ("\nProblems:\n\n" + "\n".join(problems) if problems else "\nNothing was changed outside.")
 
 
 def _row(name: str, outcomes: Sequence[Outcome]) -> str:
