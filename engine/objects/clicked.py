@@ -12,7 +12,7 @@ from ..core.arrays import Mask
 from .choosing import kept_objects
 from .context import SegmentationContext
 from .evidence import evidence_of_places, places_in
-from .likelier import whole_evidence
+from .meant import whole_evidence
 from .prompts import Point, camera_of_prompt
 
 
@@ -71,7 +71,7 @@ def click_masks(
         item = evidence_of_places(here, view, context)
         objects = None if members is not None else kept_objects(context)
         if objects is not None:
-            (item,) = whole_evidence(context, clicks, excluded, [item], objects) or [item]
+            (item,) = whole_evidence(context, clicks, [item], objects) or [item]
         wanted = view.to_photo(item.mask)
     unwanted = nothing
     if beside:

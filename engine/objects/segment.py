@@ -19,10 +19,10 @@ from .found import MAX_COMMON, FoundObject, is_same, nothing_found
 from .graph import bounded
 from .grounding import PromptCheck
 from .lifting import isolate_object, isolate_proposal, levels_of_each
-from .likelier import likelier_evidence, whole_evidence
 from .looks import Looks, kept_looks, load_or_build_looks
+from .meant import boxed_evidence, likelier_evidence, whole_evidence
 from .paper import find_objects_of_paper
-from .prompts import ClickPrompt, Place, Prompt, TextPrompt
+from .prompts import BoxPrompt, ClickPrompt, Place, Prompt, TextPrompt, camera_of_prompt
 from .settings import MEMBER_THRESHOLD, SURE_SCORE, PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
 from .views import inner_box
@@ -89,20 +89,31 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
         return find_objects_of_paper(context, prompt, context.settings)
     if isinstance(prompt, TextPrompt):
         return _find_text(context, prompt)
-    evidence = find_evidence(prompt, context)
-    whole = None
     if isinstance(prompt, ClickPrompt):
-        objects = scene_objects(context.part(0, 2))
-        context = context.part(1, 2)
-        whole = whole_evidence(context, prompt.clicks, prompt.excluded, evidence, objects)
-    found = isolate_object(context, whole or evidence)
-    # What is excluded says what the object is not, which the comparison does not know.
-    if isinstance(prompt, ClickPrompt) and whole is None and not prompt.excluded:
-        likelier = likelier_evidence(context, prompt.clicks, evidence, found.members)
-        if any(one is not other for one, other in zip(likelier, evidence, strict=True)):
-            found = isolate_object(context, likelier)
+        found = _find_clicked(context, prompt)
+    else:
+        whole = _boxed(context, prompt) if isinstance(prompt, BoxPrompt) else None
+        found = isolate_object(context, whole or find_evidence(prompt, context))
     context.tell(1.0, "Isolating")
     return [found]
+
+
+def _boxed(context: SegmentationContext, prompt: BoxPrompt) -> list[MaskEvidence] | None:
+    camera_of_prompt(prompt, context.views.cameras)  # a wrong box is told before the scene is looked at
+    return boxed_evidence(context, prompt, scene_objects(context.part(0, 2)))
+
+
+def _find_clicked(context: SegmentationContext, prompt: ClickPrompt) -> FoundObject:
+    """Return the object that clicks mean; errors as in `find_objects`."""
+    evidence, objects = find_evidence(prompt, context), scene_objects(context.part(0, 2))
+    whole = whole_evidence(context, prompt.clicks, evidence, objects)
+    found = isolate_object(context, whole or evidence)
+    # What is excluded says what the object is not, which the comparison does not know.
+    if whole is not None or prompt.excluded:
+        return found
+    likelier = likelier_evidence(context, prompt.clicks, evidence, found.members)
+    changed = any(one is not other for one, other in zip(likelier, evidence, strict=True))
+    return isolate_object(context, likelier) if changed else found
 
 
 def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click: Place) -> Mask:

@@ -92,29 +92,44 @@ def test_click_finds_the_ball_that_its_own_photo_shows_in_one_segment_with_the_f
     assert overlap(found, scene, BLUE) > 0.75
 
 
-def test_click_on_a_part_means_the_whole_ball_unless_the_rest_is_excluded(find) -> None:
+def test_click_on_a_part_means_the_object_of_the_scene_without_what_is_excluded(find) -> None:
     whole = make_scene()
     blue, floor = np.flatnonzero(whole.part == BLUE), np.flatnonzero(whole.part == FLOOR)
-    # By features and by the segments of its own photo, the upper half of the ball is a thing of its own.
+    # By features and by the segments of all photos, the upper half of the ball is a thing of its own.
     upper = blue[whole.gaussians.means[blue, 2] > np.median(whole.gaussians.means[blue, 2])]
     features = whole.gaussians.features.copy()
     features[upper] = -features[floor[0]]
     scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
-    labels = scene.labels["view_1.png"].copy()
-    rows, columns = np.nonzero(labels == BLUE)
-    middle = int(np.median(rows))
-    labels[rows[rows < middle], columns[rows < middle]] = labels.max() + 1
-    maps = {**scene.labels, "view_1.png": labels}
+    maps = {photo: _with_two_halves(labels) for photo, labels in scene.labels.items()}
 
-    def place(half: np.ndarray) -> tuple[float, float]:
-        return float(np.median(columns[half])), float(np.median(rows[half]))
+    def middle(label: int) -> tuple[float, float]:
+        rows, columns = np.nonzero(maps["view_1.png"] == label)
+        return float(np.median(columns)), float(np.median(rows))
 
-    click, other = ("view_1.png", *place(rows < middle)), Point("view_1.png", *place(rows >= middle))
-    (found,) = find(ClickPrompt(*click), scene=scene, settings=SMALL_BETTER, label_maps=maps)
+    given = {"scene": scene, "settings": SMALL_BETTER, "label_maps": maps}
+    given["sam_factory"] = lambda: FakeSam(replace(scene, labels=maps))
+    click, objects = ("view_1.png", *middle(_UPPER)), {"objects": (whole.part == BLUE)[None]}
+    (found,) = find(ClickPrompt(*click), kept=dict(objects), **given)
     assert overlap(found, scene, BLUE) > 0.9
-    prompt, sam = ClickPrompt(*click, excluded=(other,)), FakeSam(replace(scene, labels=maps))
-    (found,) = find(prompt, scene=scene, settings=SMALL_BETTER, label_maps=maps, sam_factory=lambda: sam)
-    assert overlap(found, scene, BLUE) < 0.75
+    lower = Point("view_1.png", *middle(BLUE))
+    for prompt, known in [
+        (ClickPrompt(*click), {"objects": objects["objects"][:0]}),
+        (ClickPrompt(*click, excluded=(lower,)), objects),
+    ]:
+        (found,) = find(prompt, kept=dict(known), **given)
+        assert overlap(found, scene, BLUE) < 0.75
+
+
+_UPPER = 99
+"""Label of the upper half of the blue ball."""
+
+
+def _with_two_halves(labels: np.ndarray) -> np.ndarray:
+    rows, columns = np.nonzero(labels == BLUE)
+    upper = rows < np.median(rows)
+    changed = labels.copy()
+    changed[rows[upper], columns[upper]] = _UPPER
+    return changed
 
 
 @pytest.mark.parametrize("parts", [(BLUE, RED), (RED, TWIN)])
@@ -129,6 +144,23 @@ def test_box_isolates_the_object_in_it(find, blobs: BlobScene) -> None:
     box = box_of(blobs.labels["view_2.png"] == BLUE)
     (found,) = find(BoxPrompt("view_2.png", *box), detector_factory=not_needed)
     assert overlap(found, blobs, BLUE) > 0.95
+
+
+def test_box_means_the_object_of_the_scene_that_fills_it_whatever_sam_shows_there(find, blobs: BlobScene) -> None:
+    truth = blobs.labels["view_2.png"]
+    # SAM takes the ball for a part of the floor.
+    mistaken = {**blobs.labels, "view_2.png": np.where(truth == BLUE, FLOOR, truth)}
+    given = {
+        "settings": SMALL_BETTER,
+        "label_maps": blobs.labels,
+        "sam_factory": lambda: FakeSam(replace(blobs, labels=mistaken)),
+    }
+    (found,) = find(BoxPrompt("view_2.png", *box_of(truth == BLUE)), **given)
+    assert overlap(found, blobs, BLUE) > 0.9
+    # Half of the box is filled: SAM answers.
+    x0, y0, x1, y1 = box_of(truth == BLUE)
+    (found,) = find(BoxPrompt("view_2.png", x0, y0, x1, y1 + (y1 - y0)), **given)
+    assert overlap(found, blobs, BLUE) < 0.5
 
 
 def test_given_mask_needs_no_model(find, blobs: BlobScene, tmp_path: Path) -> None:
