@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.arrays import Float64, Mask
-from ..core.errors import PromptError
+from ..core.errors import PhotoError, PromptError
+from ..core.events import Warned
 from ..core.parts import part
 from ..core.words import likeness
 from ..scene import Camera, PinholeCamera
@@ -105,8 +106,13 @@ def _boxed(context: SegmentationContext, prompt: BoxPrompt) -> list[MaskEvidence
 
 def _find_clicked(context: SegmentationContext, prompt: ClickPrompt) -> FoundObject:
     """Return the object that clicks mean; errors as in `find_objects`."""
-    evidence, objects = find_evidence(prompt, context), scene_objects(context.part(0, 2))
-    whole = whole_evidence(context, prompt.clicks, evidence, objects)
+    evidence, whole = find_evidence(prompt, context), None
+    try:
+        objects = scene_objects(context.part(0, 2))
+    except PhotoError as error:  # a project without its photos can still be clicked
+        context.emit(Warned(f"{error} Without it, a click may mean a part of an object."))
+    else:
+        whole = whole_evidence(context, prompt.clicks, evidence, objects)
     found = isolate_object(context, whole or evidence)
     # What is excluded says what the object is not, which the comparison does not know.
     if whole is not None or prompt.excluded:

@@ -146,7 +146,7 @@ def test_with_all_views_the_watcher_sees_compared_photos(
     opened = [path for path in watcher.opened if any(photo in path for photo in HELD_OUT) and "/truth/" not in path]
     # Label maps, their embeddings, and where the method reads pixels the photos themselves.
     endings = {path.partition(".png")[2] for path in opened}
-    assert {".npz", ".sam.npz"} <= endings and ("" in endings) == (kind in ("text", "all"))
+    assert {".npz", ".sam.npz"} <= endings and ("" in endings) == (kind in ("text", "all", "click"))
 
 
 @pytest.mark.parametrize("kind", KINDS)
