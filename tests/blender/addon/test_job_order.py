@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -102,9 +103,12 @@ def test_leaving_a_result_does_not_hide_that_of_a_newer_job(
 def test_same_job_of_another_blender_is_not_started_twice(
     runner: ModuleType, project: Any, fake_engine: StandIn
 ) -> None:
-    fake_engine(FOREVER)
+    said = fake_engine(FOREVER)
     segment_in_engine(runner, project, "vase")
     job = runner._job
+    # A process whose program is still being loaded has no command line to be recognised by.
+    while not said.exists() and job.poll().running:
+        time.sleep(0.02)
     forget_jobs(runner)
     with pytest.raises(Exception, match="still working on"):
         segment_in_engine(runner, project, "vase")
