@@ -48,21 +48,19 @@ def objects_of(looks: Looks) -> list[int]:
 
 def scene_objects(context: SegmentationContext) -> Mask:
     """Return the Gaussians of `objects_of`, [K, N], made once. Raises `Cancelled` when that is stopped."""
-    objects = kept_objects(context)
-    if objects is None:
-        load_or_build_looks(context)
-        objects = kept_objects(context)
-        assert objects is not None
-    return objects
+
+    def find() -> Mask:
+        looks = load_or_build_looks(context)
+        return looks.members[objects_of(looks)]
+
+    return context.once(_OBJECTS, find)
 
 
 def kept_objects(context: SegmentationContext) -> Mask | None:
     """Return `scene_objects` of a scene that was looked at before; None where that would have to be done."""
-    looks = None if _OBJECTS in context.kept else kept_looks(context)
-    if looks is not None:
-        context.once(_OBJECTS, lambda: looks.members[objects_of(looks)])
-    objects: Mask | None = context.kept.get(_OBJECTS)
-    return objects
+    if _OBJECTS not in context.kept and kept_looks(context) is None:
+        return None
+    return scene_objects(context)
 
 
 def answers_of(looks: Looks, scores: Float64, settings: SegmentSettings) -> list[tuple[int, float]]:

@@ -400,7 +400,8 @@ def kept_looks(context: SegmentationContext) -> Looks | None:
     if "looks" in context.kept:
         return load_or_build_looks(context)
     file = None if context.folder is None else context.folder / _FILE
-    return None if file is None or not file.is_file() else _read_kept(file, _recipe(context), context)
+    looks = None if file is None or not file.is_file() else _read_kept(file, _recipe(context), context)
+    return None if looks is None else context.once("looks", lambda: looks)
 
 
 def _load_or_build(context: SegmentationContext) -> Looks:

@@ -101,18 +101,22 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
 
 def _boxed(context: SegmentationContext, prompt: BoxPrompt) -> list[MaskEvidence] | None:
     camera_of_prompt(prompt, context.views.cameras)  # a wrong box is told before the scene is looked at
-    return boxed_evidence(context, prompt, scene_objects(context.part(0, 2)))
+    return boxed_evidence(context, prompt, _objects_of_scene(context.part(0, 2)))
+
+
+def _objects_of_scene(context: SegmentationContext) -> Mask:
+    """Return `scene_objects`; none, with a warning, where a photo that shows them is gone."""
+    try:
+        return scene_objects(context)
+    except PhotoError as error:
+        context.emit(Warned(f"{error} Without it, the answer may be a part of an object."))
+        return np.zeros((0, len(context.means)), bool)
 
 
 def _find_clicked(context: SegmentationContext, prompt: ClickPrompt) -> FoundObject:
     """Return the object that clicks mean; errors as in `find_objects`."""
-    evidence, whole = find_evidence(prompt, context), None
-    try:
-        objects = scene_objects(context.part(0, 2))
-    except PhotoError as error:  # a project without its photos can still be clicked
-        context.emit(Warned(f"{error} Without it, a click may mean a part of an object."))
-    else:
-        whole = whole_evidence(context, prompt.clicks, evidence, objects)
+    evidence = find_evidence(prompt, context)
+    whole = whole_evidence(context, prompt.clicks, evidence, _objects_of_scene(context.part(0, 2)))
     found = isolate_object(context, whole or evidence)
     # What is excluded says what the object is not, which the comparison does not know.
     if whole is not None or prompt.excluded:
