@@ -8,8 +8,8 @@ explain what a single photo shows. See docs/training.md.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..core.arrays import Float32, Float64, Floats
-from ..core.system import usable_cores
 from ..scene import Gaussians, PinholeCamera
 from . import gaussians_at
+from .held_out import in_threads
 from .settings import TrainingSettings
 from .start import initial_values
 from .views import TrainingView, scene_extent
@@ -45,9 +45,6 @@ MAX_DEVIATION = 10.0  # chosen on sakharov_statue32, skull66, banana16
 
 MIN_BRIGHTNESS = 40.0
 """Smallest brightness of the background, of 255, as for pixels that count as dark when they are rendered black."""
-
-_LOOKED_AT_TOGETHER = 4
-"""Photos that are looked at at the same time. One of 1600 x 1200 pixels takes 80 MB."""
 
 
 def background_gaussians(points: Floats, views: Sequence[TrainingView], settings: TrainingSettings) -> Gaussians:
@@ -78,9 +75,7 @@ def background_gaussians(points: Floats, views: Sequence[TrainingView], settings
         rows, x, y = (values[plain[y, x]] for values in (rows, x, y))
         seen[rows] = mean[y, x]
 
-    with ThreadPoolExecutor(min(_LOOKED_AT_TOGETHER, len(usable_cores()))) as threads:
-        for _ in threads.map(look, colors, training):
-            pass
+    in_threads(functools.partial(look, seen, view) for seen, view in zip(colors, training, strict=True))
     kept = np.isfinite(colors[..., 0]).any(axis=0)
     medians = np.nanmedian(colors[:, kept], axis=0).astype(np.float64)
     values = initial_values(settings, opacity=OPACITY)
